@@ -1,0 +1,23 @@
+"""Optional packages: import them or say how to install them."""
+
+import importlib
+import importlib.metadata
+from typing import Any
+
+from assemblyhands_core.detectors.base import DetectorError
+
+
+def import_package(name: str, install: str) -> Any:
+    """Return the imported package, or raise a DetectorError that says how to install it."""
+    try:
+        return importlib.import_module(name)
+    except ImportError as error:
+        raise DetectorError(f"Detector '{name}' cannot import its package ({error}); install it: {install}") from error
+
+
+def package_version(name: str, install: str) -> str:
+    """Return the installed version, or raise a DetectorError that says how to install it."""
+    try:
+        return importlib.metadata.version(name)
+    except importlib.metadata.PackageNotFoundError as error:
+        raise DetectorError(f"Detector '{name}' needs the package {name}; install it: {install}") from error

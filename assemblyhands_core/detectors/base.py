@@ -1,0 +1,123 @@
+"""What a 2D detector is: one small protocol for bodies, one for hands, and what they return.
+
+Detectors are stateless: the result for an image depends on that image and the options alone, so that neither the order
+of the frames nor the number of workers can change it. Missing keypoints are NaN with confidence 0.
+"""
+
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from assemblyhands_core.hands.body import NUM_BODY_KEYPOINTS
+from assemblyhands_core.hands.joints import NUM_JOINTS, WRIST_FIRST_ORDER, Hand
+
+FloatArray = npt.NDArray[np.float64]
+ImageRGB = npt.NDArray[np.uint8]
+
+
+class DetectorError(ValueError):
+    """A detector cannot be made or cannot read its input; the message says what to do."""
+
+
+@dataclass(frozen=True, eq=False)
+class BodyDetections:
+    """The persons found in one image.
+
+    Attributes:
+        keypoints_px: (N, 17, 2) COCO-17 order, raw pixels of the image; NaN = missing.
+        confidence: (N, 17) in 0..1; 0 = missing.
+    """
+
+    keypoints_px: FloatArray
+    confidence: FloatArray
+
+    def __post_init__(self) -> None:
+        _check_shapes(self.keypoints_px, self.confidence, (len(self.keypoints_px), NUM_BODY_KEYPOINTS))
+
+    @classmethod
+    def none(cls) -> "BodyDetections":
+        """Return the detections of an image without persons."""
+        return cls(np.empty((0, NUM_BODY_KEYPOINTS, 2)), np.empty((0, NUM_BODY_KEYPOINTS)))
+
+
+@dataclass(frozen=True, eq=False)
+class HandDetection:
+    """The joints of one hand in one image.
+
+    Attributes:
+        keypoints_px: (21, 2) AssemblyHands order (tip→base, wrist last), pixels of the image; NaN = missing.
+        confidence: (21,) in 0..1; 0 = missing.
+    """
+
+    keypoints_px: FloatArray
+    confidence: FloatArray
+
+    def __post_init__(self) -> None:
+        _check_shapes(self.keypoints_px, self.confidence, (NUM_JOINTS,))
+
+
+class BodyDetector(Protocol):
+    """Finds the persons in an image."""
+
+    needs_image: bool
+
+    def detect(self, image_rgb: ImageRGB | None, camera_id: str, frame: int) -> BodyDetections:
+        """Return the persons of one camera's image (H, W, 3); None only where ``needs_image`` is False."""
+        ...
+
+
+class HandDetector(Protocol):
+    """Finds one given hand in an image of it."""
+
+    needs_image: bool
+
+    def detect(
+        self,
+        image_rgb: ImageRGB | None,
+        hand: Hand,
+        camera_id: str,
+        frame: int,
+        expected_px: FloatArray | None = None,
+    ) -> HandDetection | None:
+        """Return the hand, or None where it is not found.
+
+        Args:
+            image_rgb: (H, W, 3) a crop around the hand; None only where ``needs_image`` is False.
+            hand: which hand to look for.
+            camera_id: the camera that saw it.
+            frame: frame number in the sequence.
+            expected_px: (2,) where the hand should be; chooses among several. Default: the middle of the crop.
+
+        Returns:
+            The joints in pixels of ``image_rgb``; where ``needs_image`` is False in raw pixels of the camera's image.
+        """
+        ...
+
+
+def from_wrist_first(values: npt.ArrayLike) -> FloatArray:
+    """Return (21, ...) values of OpenPose's and MediaPipe's joint order in ours (tip→base, wrist last)."""
+    source = np.asarray(values, dtype=np.float64)
+    ordered = np.empty_like(source)
+    ordered[list(WRIST_FIRST_ORDER)] = source
+    return ordered
+
+
+def masked(keypoints_px: FloatArray, confidence: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return both arrays with every keypoint that lacks a confidence or a finite place set to NaN and 0.
+
+    Args:
+        keypoints_px: (..., 2) pixels.
+        confidence: (...) 0 or NaN = missing; values above 1 (heat-map peaks of some detectors) are set to 1.
+    """
+    found = np.isfinite(keypoints_px).all(axis=-1) & (confidence > 0)
+    return np.where(found[..., None], keypoints_px, np.nan), np.where(found, np.minimum(confidence, 1.0), 0.0)
+
+
+def _check_shapes(keypoints_px: Any, confidence: Any, expected: tuple[int, ...]) -> None:
+    if keypoints_px.shape != (*expected, 2) or confidence.shape != expected:
+        raise DetectorError(
+            f"keypoints {keypoints_px.shape} and confidence {confidence.shape} must have the shapes "
+            f"{(*expected, 2)} and {expected}"
+        )
