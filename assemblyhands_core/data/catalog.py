@@ -1,0 +1,213 @@
+"""Every table of the pipeline: what a notebook finds in a run's folders.
+
+Pixels are of the camera's own video unless the name says otherwise (``_rectified_px``: the undistorted view). ``valid``
+and ``reason`` stand beside every measurement: a row is never left out, a hole is NaN with the reason why; the empty
+reason means success.
+"""
+
+from typing import Final
+
+import pyarrow as pa
+
+from assemblyhands_core.data.tables import TableSpec
+from assemblyhands_core.hands.body import NUM_BODY_KEYPOINTS
+from assemblyhands_core.hands.joints import NUM_JOINTS
+
+
+def _each(kind: pa.DataType, count: int) -> pa.DataType:
+    return pa.list_(kind, count)
+
+
+_TEXT, _FLAG, _FRAME = pa.string(), pa.bool_(), pa.int64()
+_SEQUENCE = [("sequence_id", _TEXT)]
+_VIEW = [*_SEQUENCE, ("camera_id", _TEXT)]
+_INSTANT = [*_SEQUENCE, ("frame", _FRAME)]
+_HAND = [*_INSTANT, ("hand", _TEXT)]
+_HAND_VIEW = [*_HAND, ("camera_id", _TEXT)]
+_OUTCOME = [("valid", _FLAG), ("reason", _TEXT)]
+_CAMERA = [
+    ("width_px", pa.int32()),
+    ("height_px", pa.int32()),
+    ("lens_model", _TEXT),
+    ("intrinsics_px", _each(pa.float64(), 4)),  # fx, fy, cx, cy
+    ("lens_coefficients", _each(pa.float64(), 10)),  # k1..k6, p1..p4
+    ("T_camera_from_world", _each(pa.float64(), 16)),  # 4x4 by rows, mm
+]
+
+
+def _outcome_of_each(count: int) -> list[tuple[str, pa.DataType]]:
+    return [
+        ("valid", _each(_FLAG, count)),
+        ("reason", _each(_TEXT, count)),
+        ("num_views", _each(pa.int8(), count)),
+        ("reprojection_px", _each(pa.float32(), count)),  # mean over the inlier views
+    ]
+
+
+SOURCES: Final = TableSpec(
+    "sources",
+    1,
+    ("sequence_id", "role", "name"),
+    pa.schema([*_SEQUENCE, ("role", _TEXT), ("name", _TEXT), ("source_file", _TEXT), ("sha256", _TEXT)]),
+)
+VIEWS: Final = TableSpec(
+    "views",
+    1,
+    ("sequence_id", "camera_id"),
+    pa.schema(
+        [
+            *_VIEW,
+            ("video_file", _TEXT),
+            ("video_sha256", _TEXT),
+            ("num_frames", pa.int64()),
+            ("rate_hz", pa.float64()),
+            ("image_fit", _TEXT),  # how the video's pixels follow from the calibrated image's
+            ("note", _TEXT),  # what a user should know about this view, in a sentence
+            *_CAMERA,
+            *_OUTCOME,
+        ]
+    ),
+)
+CHUNKS: Final = TableSpec(
+    "chunks",
+    1,
+    ("sequence_id", "chunk"),
+    pa.schema([*_SEQUENCE, ("chunk", pa.int32()), ("first_frame", _FRAME), ("num_frames", pa.int32())]),
+)
+RECTIFIED_VIEWS: Final = TableSpec(
+    "rectified_views",
+    1,
+    ("sequence_id", "camera_id"),
+    pa.schema(
+        [
+            *_VIEW,
+            *_CAMERA,
+            ("kept_fraction", pa.float64()),  # of the video's field of view
+            ("valid_region_px", _each(pa.float64(), 4)),  # left, top, right, bottom of what shows the video
+            ("round_trip_residual_px", pa.float64()),
+            ("grid_residual_px", pa.float64()),
+            ("grid_step_px", pa.int32()),
+            ("grid", pa.binary()),  # source pixel of every step-th rectified pixel, float32 (rows, columns, 2)
+            ("grid_rows", pa.int32()),
+            ("rectified_file", _TEXT),
+            ("rectified_sha256", _TEXT),
+            *_OUTCOME,
+        ]
+    ),
+)
+BODY_KEYPOINTS: Final = TableSpec(
+    "body_keypoints",
+    1,
+    ("sequence_id", "frame", "camera_id"),
+    pa.schema(
+        [
+            *_INSTANT,
+            ("camera_id", _TEXT),
+            ("body_px", _each(pa.float32(), 2 * NUM_BODY_KEYPOINTS)),
+            ("confidence", _each(pa.float32(), NUM_BODY_KEYPOINTS)),
+            ("num_persons", pa.int8()),
+            *_OUTCOME,
+        ]
+    ),
+)
+BODIES: Final = TableSpec(
+    "bodies",
+    1,
+    ("sequence_id", "frame"),
+    pa.schema(
+        [
+            *_INSTANT,
+            ("body_world_mm", _each(pa.float32(), 3 * NUM_BODY_KEYPOINTS)),
+            *_outcome_of_each(NUM_BODY_KEYPOINTS),
+        ]
+    ),
+)
+FOLLOWED: Final = TableSpec(
+    "followed",
+    1,
+    ("sequence_id", "first_frame"),
+    pa.schema([*_SEQUENCE, ("first_frame", _FRAME), ("num_persons", pa.int32()), ("note", _TEXT)]),
+)
+HAND_BOXES: Final = TableSpec(
+    "hand_boxes",
+    1,
+    ("sequence_id", "frame", "hand", "camera_id"),
+    pa.schema(
+        [
+            *_HAND_VIEW,
+            ("hand_center_world_mm", _each(pa.float32(), 3)),
+            ("center_rectified_px", _each(pa.float32(), 2)),
+            ("side_px", pa.float32()),
+            ("source", _TEXT),  # detected, interpolated
+            *_OUTCOME,
+        ]
+    ),
+)
+CROPS: Final = TableSpec(
+    "crops",
+    1,
+    ("sequence_id", "frame", "hand", "camera_id"),
+    pa.schema([*_HAND_VIEW, *_CAMERA, ("image", pa.binary()), *_OUTCOME]),
+)
+KEYPOINTS: Final = TableSpec(
+    "keypoints",
+    1,
+    ("sequence_id", "frame", "hand", "camera_id"),
+    pa.schema(
+        [
+            *_HAND_VIEW,
+            ("keypoints_px", _each(pa.float32(), 2 * NUM_JOINTS)),
+            ("confidence", _each(pa.float32(), NUM_JOINTS)),
+            ("source", _TEXT),  # which detector saw it
+            *_OUTCOME,
+        ]
+    ),
+)
+JOINTS: Final = TableSpec(
+    "joints",
+    1,
+    ("sequence_id", "frame", "hand", "round"),
+    pa.schema(
+        [
+            *_HAND,
+            ("joints_world_mm", _each(pa.float32(), 3 * NUM_JOINTS)),
+            *_outcome_of_each(NUM_JOINTS),
+            ("source", _TEXT),
+            ("round", pa.int8()),
+        ]
+    ),
+)
+RESIDUALS: Final = TableSpec(
+    "residuals",
+    1,
+    ("sequence_id", "frame", "hand", "camera_id"),
+    pa.schema(
+        [
+            *_HAND_VIEW,
+            ("residual_px", _each(pa.float32(), NUM_JOINTS)),
+            ("is_inlier", _each(_FLAG, NUM_JOINTS)),
+        ]
+    ),
+)
+QUALITY: Final = TableSpec(
+    "quality",
+    1,
+    ("sequence_id", "table", "row", "metric"),
+    pa.schema(
+        [*_SEQUENCE, ("table", _TEXT), ("row", _TEXT), ("metric", _TEXT), ("value", pa.float64()), ("n", pa.int64())]
+    ),
+)
+OVERLAYS: Final = TableSpec(
+    "overlays",
+    1,
+    ("sequence_id", "kind", "camera_id"),
+    pa.schema([*_SEQUENCE, ("kind", _TEXT), ("camera_id", _TEXT), ("overlay_file", _TEXT), ("sha256", _TEXT)]),
+)
+AUDIT: Final = TableSpec(
+    "audit",
+    1,
+    ("sequence_id", "check", "camera_id"),
+    pa.schema(
+        [*_SEQUENCE, ("check", _TEXT), ("camera_id", _TEXT), ("level", _TEXT), ("value", pa.float64()), ("note", _TEXT)]
+    ),
+)

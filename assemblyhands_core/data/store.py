@@ -1,0 +1,268 @@
+"""The store: an action cache of stage results.
+
+``<workspace>/store/<stage>/<key>/`` holds ``<output>.parquet``, blobs and ``record.json``. An entry is written to a
+sibling folder whose name begins with a dot, synced and renamed, so that it exists whole or not at all: a killed run
+leaves nothing that another run could take for a result, and two runs may write the same entry at once.
+"""
+
+import json
+import os
+import shutil
+import uuid
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from assemblyhands_core.data.digests import digest_json
+from assemblyhands_core.data.tables import BLOB_SUFFIX, TableError, TableSpec, read_parquet, write_parquet
+
+_RECORD = "record.json"
+_PARQUET_MAGIC = b"PAR1"
+
+
+class DamagedEntry(RuntimeError):
+    """A store entry is not what its record says; it was moved to ``store/.damaged`` and is rebuilt by the next run."""
+
+
+@dataclass(frozen=True)
+class Output:
+    """One table of an entry: content digest, number of rows, size of its file and, where it has one, rows by reason."""
+
+    digest: str
+    num_rows: int
+    num_bytes: int
+    reasons: Mapping[str, int] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Record:
+    """What an entry holds and what made it.
+
+    Attributes:
+        stage, key: where the entry lies.
+        parts: everything that the key is the digest of, so that a later run can say what differs.
+        outputs: the tables, by name.
+        blobs: sizes in bytes of the other files, by name.
+        seconds: how long the stage took.
+    """
+
+    stage: str
+    key: str
+    parts: Mapping[str, Any]
+    outputs: Mapping[str, Output]
+    blobs: Mapping[str, int]
+    seconds: float
+
+    @classmethod
+    def from_json(cls, text: str) -> "Record":
+        """Return the record that a ``record.json`` holds."""
+        values = json.loads(text)
+        values["outputs"] = {name: Output(**output) for name, output in values["outputs"].items()}
+        return cls(**values)
+
+    @property
+    def digests(self) -> dict[str, str]:
+        """Content digest of every output."""
+        return {name: output.digest for name, output in self.outputs.items()}
+
+
+@dataclass(frozen=True)
+class Draft:
+    """An entry in the making: blobs are put into ``folder``, then ``write`` adds the tables and the record."""
+
+    folder: Path
+    stage: str
+    key: str
+    parts: Mapping[str, Any]
+
+    def write(self, tables: Mapping[str, tuple[TableSpec, pa.Table]], seconds: float) -> Record:
+        """Write the tables and the record; return the record."""
+        blobs = {path.name: path.stat().st_size for path in sorted(self.folder.iterdir())}
+        outputs = {name: self._write_table(name, spec, table) for name, (spec, table) in tables.items()}
+        record = Record(self.stage, self.key, self.parts, outputs, blobs, round(seconds, 3))
+        (self.folder / _RECORD).write_text(json.dumps(asdict(record), indent=1))
+        return record
+
+    def _write_table(self, name: str, spec: TableSpec, table: pa.Table) -> Output:
+        path = self.folder / f"{name}.parquet"
+        write_parquet(path, table, spec, {"stage": self.stage, "store_key": self.key})
+        return Output(spec.digest(table), table.num_rows, path.stat().st_size, _reasons(table))
+
+
+class Store:
+    """The entries below one workspace folder."""
+
+    def __init__(self, workspace: Path) -> None:
+        self.root = workspace / "store"
+
+    def entry(self, stage: str, key: str) -> Path:
+        """Return the folder of an entry, there or not."""
+        return self.root / stage / key
+
+    def find(self, stage: str, key: str) -> Record | None:
+        """Return the record of a whole entry, or None; a damaged entry is moved away and counts as absent.
+
+        Looks at sizes and Parquet's end marks only, so that thousands of entries are checked in a second.
+        """
+        folder = self.entry(stage, key)
+        try:
+            record: Record | None = Record.from_json((folder / _RECORD).read_text())
+        except (OSError, ValueError, TypeError, KeyError, AttributeError):
+            record = None
+        if record is not None and _looks_whole(folder, record):
+            return record
+        if folder.is_dir():
+            self._discard(folder)
+        return None
+
+    def read(self, record: Record, output: str, spec: TableSpec) -> pa.Table:
+        """Return a table of an entry, blob columns as absolute paths.
+
+        Raises:
+            DamagedEntry: if the file is unreadable or its contents are not those of the record.
+        """
+        folder = self.entry(record.stage, record.key)
+        try:
+            table = read_parquet(folder / f"{output}.parquet", spec)
+            if spec.digest(table) != record.outputs[output].digest:
+                raise TableError("its contents have another digest than its record")
+        except TableError as error:
+            self._discard(folder)
+            raise DamagedEntry(f"{folder / output}.parquet: {error}; the entry was set aside, run again") from error
+        return _with_blob_paths(table, spec, folder)
+
+    @contextmanager
+    def draft(self, stage: str, parts: Mapping[str, Any]) -> Iterator["Draft"]:
+        """Give a draft to write an entry in; on leaving without error it becomes the entry, else it vanishes."""
+        key = digest_json(parts)
+        folder = self.root / stage / f".{key[:16]}-{os.getpid()}-{uuid.uuid4().hex[:8]}"
+        folder.mkdir(parents=True)
+        try:
+            yield Draft(folder, stage, key, parts)
+            _sync(folder)
+            self._publish(folder, self.entry(stage, key))
+        finally:
+            shutil.rmtree(folder, ignore_errors=True)
+
+    def entries(self) -> Iterator[Path]:
+        """Yield the folder of every entry."""
+        for stage in sorted(path for path in self.root.glob("[!.]*") if path.is_dir()):
+            yield from sorted(path for path in stage.glob("[!.]*") if path.is_dir())
+
+    def leftovers(self) -> Iterator[Path]:
+        """Yield folders that killed runs or damaged entries left behind."""
+        yield from sorted(self.root.glob("*/.*"))
+        yield from sorted(self.root.glob(".damaged/*"))
+
+    def _publish(self, draft: Path, entry: Path) -> None:
+        try:
+            draft.rename(entry)
+        except OSError:
+            # Another run made the same entry first: same key, same contents. A damaged one makes way.
+            if self.find(entry.parent.name, entry.name) is None:
+                draft.rename(entry)
+        _sync_folder(entry.parent)
+
+    def _discard(self, folder: Path) -> None:
+        target = self.root / ".damaged" / f"{folder.parent.name}-{folder.name[:16]}-{uuid.uuid4().hex[:8]}"
+        target.parent.mkdir(parents=True, exist_ok=True)
+        with suppress(FileNotFoundError):
+            folder.rename(target)
+
+
+def load(path_or_node: str | Path, table: str | None = None, *, run: str = "latest") -> pd.DataFrame:
+    """Return a table of a run as a DataFrame, for notebooks.
+
+    Args:
+        path_or_node: a node of the run (``"round_0"``), a folder of a run's view, or a Parquet file.
+        table: which of the node's tables; its first by default.
+        run: name of the run below ``work/runs`` (or ``$ASSEMBLYHANDS_WORK/runs``).
+
+    Returns:
+        One row per row of the table; ``np.stack(df.joints_world_mm).reshape(-1, 21, 3)`` are joints in world mm. Blob
+        columns are absolute paths.
+
+    Raises:
+        FileNotFoundError: naming what is absent and what there is.
+    """
+    path = Path(path_or_node)
+    if not path.exists():
+        path = workspace_folder() / "runs" / run / path_or_node
+    if path.is_dir() and (manifest := path / "manifest.json").exists():
+        path = path / (table or json.loads(manifest.read_text())["tables"][0])
+    files = sorted(path.glob("*.parquet")) if path.is_dir() else [path]
+    if not files or not path.exists():
+        there = sorted(p.name for p in path.parent.glob("*")) if path.parent.is_dir() else []
+        raise FileNotFoundError(f"{path} holds no table; beside it there are: {', '.join(there) or 'no files'}")
+    table_frame: pd.DataFrame = pd.concat([_load_file(file) for file in files], ignore_index=True)
+    return table_frame
+
+
+def workspace_folder() -> Path:
+    """Return the workspace: ``$ASSEMBLYHANDS_WORK``, or ``work`` in the current folder."""
+    return Path(os.environ.get("ASSEMBLYHANDS_WORK", "work")).absolute()
+
+
+def _load_file(path: Path) -> pd.DataFrame:
+    real = path.resolve()
+    frame = pq.read_table(real).to_pandas()
+    for name in frame.columns:
+        if name.endswith(BLOB_SUFFIX):
+            frame[name] = [str(real.parent / value) if value else "" for value in frame[name]]
+    return frame
+
+
+def _with_blob_paths(table: pa.Table, spec: TableSpec, folder: Path) -> pa.Table:
+    for name in spec.blobs:
+        paths = [str(folder / value) if value else "" for value in table.column(name).to_pylist()]
+        table = table.set_column(table.schema.get_field_index(name), name, pa.array(paths, pa.string()))
+    return table
+
+
+def _reasons(table: pa.Table) -> dict[str, int]:
+    """Count rows (of per-joint reasons: joints) by reason; the empty reason is success."""
+    if "reason" not in table.schema.names:
+        return {}
+    reasons = table.column("reason").combine_chunks()
+    values = reasons.flatten() if pa.types.is_fixed_size_list(reasons.type) else reasons
+    counts = values.value_counts().to_pylist()
+    return {item["values"]: item["counts"] for item in sorted(counts, key=lambda item: str(item["values"]))}
+
+
+def _looks_whole(folder: Path, record: Record) -> bool:
+    try:
+        tables_whole = all(
+            _is_parquet(folder / f"{name}.parquet", output.num_bytes) for name, output in record.outputs.items()
+        )
+        return tables_whole and all((folder / name).stat().st_size == size for name, size in record.blobs.items())
+    except OSError:
+        return False
+
+
+def _is_parquet(path: Path, num_bytes: int) -> bool:
+    with path.open("rb") as file:
+        head = file.read(4)
+        file.seek(-4, os.SEEK_END)
+        return head == _PARQUET_MAGIC == file.read(4) and file.tell() == num_bytes
+
+
+def _sync(folder: Path) -> None:
+    for path in folder.iterdir():
+        if not path.is_symlink():
+            with path.open("rb") as file:
+                os.fsync(file.fileno())
+    _sync_folder(folder)
+
+
+def _sync_folder(folder: Path) -> None:
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)

@@ -1,0 +1,130 @@
+"""Tables that stages exchange: name, version, key and columns, checked whenever one is written or read."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from assemblyhands_core.data.arrays import Column, to_arrow
+from assemblyhands_core.data.digests import digest_table
+from assemblyhands_core.hands.joints import JOINT_NAMES
+
+BLOB_SUFFIX = "_file"
+_COMPRESSION: Literal["zstd"] = "zstd"
+
+
+class TableError(ValueError):
+    """A table does not keep to its definition; the message names table, column and both values."""
+
+
+@dataclass(frozen=True)
+class TableSpec:
+    """The definition of a table.
+
+    Attributes:
+        name: what stages and folders call it.
+        version: raised whenever the meaning of a column changes.
+        key: columns that together identify a row.
+        schema: columns with units in their names. No nulls: a hole is NaN with a reason beside it. A column whose name
+            ends in ``_file`` holds a blob: a name relative to the store entry on disk, an absolute path in memory.
+    """
+
+    name: str
+    version: int
+    key: tuple[str, ...]
+    schema: pa.Schema
+
+    @property
+    def blobs(self) -> tuple[str, ...]:
+        """Return the columns that hold files."""
+        return tuple(name for name in self.schema.names if name.endswith(BLOB_SUFFIX))
+
+    def build(self, columns: Mapping[str, Column]) -> pa.Table:
+        """Return a checked table made of columns, each (rows,) or, for fixed-size lists, (rows, ...)."""
+        if missing := set(self.schema.names) ^ set(columns):
+            raise TableError(f"table {self.name} is built with other columns than it has: {sorted(missing)}")
+        arrays = [to_arrow(columns[field.name], field.type) for field in self.schema]
+        return self.check(pa.Table.from_arrays(arrays, schema=self.schema))
+
+    def from_rows(self, rows: Sequence[Mapping[str, Any]]) -> pa.Table:
+        """Return a checked table made of one mapping a row."""
+        return self.build({name: [row[name] for row in rows] for name in self.schema.names})
+
+    def empty(self) -> pa.Table:
+        """Return the table without rows."""
+        return self.schema.empty_table()
+
+    def check(self, table: pa.Table) -> pa.Table:
+        """Return the table if it keeps to this definition.
+
+        Raises:
+            TableError: on another schema, a null or a repeated key.
+        """
+        if not table.schema.equals(self.schema, check_metadata=False):
+            raise TableError(f"table {self.name} v{self.version} has {_difference(table.schema, self.schema)}")
+        for name in self.schema.names:
+            if table.column(name).null_count:
+                raise TableError(f"table {self.name}: column {name} holds nulls; write NaN and a reason")
+        keys = table.select(list(self.key))
+        if keys.group_by(list(self.key)).aggregate([]).num_rows != table.num_rows:
+            raise TableError(f"table {self.name}: the key ({', '.join(self.key)}) repeats among {table.num_rows} rows")
+        return table
+
+    def digest(self, table: pa.Table) -> str:
+        """Return the content digest of a table of this definition."""
+        return digest_table(table, self.blobs)
+
+
+def write_parquet(path: Path, table: pa.Table, spec: TableSpec, provenance: Mapping[str, str]) -> None:
+    """Write a checked table: zstd, floats byte-stream-split, definition and provenance in the file's metadata."""
+    spec.check(table)
+    metadata = {"table": spec.name, "table_version": str(spec.version), "key": ",".join(spec.key), **provenance}
+    if "joints_world_mm" in spec.schema.names:
+        metadata |= {"joint_order": ",".join(JOINT_NAMES), "unit": "mm"}
+    floats = [_leaf(field) for field in spec.schema if pa.types.is_floating(_value_type(field.type))]
+    strings = [_leaf(field) for field in spec.schema if pa.types.is_string(_value_type(field.type))]
+    pq.write_table(
+        table.replace_schema_metadata(metadata),
+        path,
+        compression=_COMPRESSION,
+        use_dictionary=strings or False,
+        use_byte_stream_split=floats or False,
+        write_page_checksum=True,
+    )
+
+
+def read_parquet(path: Path, spec: TableSpec) -> pa.Table:
+    """Read and check a table.
+
+    Raises:
+        TableError: if the file cannot be read, or holds another table or version than asked for.
+    """
+    try:
+        table = pq.ParquetFile(path, memory_map=False, page_checksum_verification=True).read()
+    except (OSError, pa.ArrowException) as error:
+        raise TableError(f"{path} cannot be read as Parquet ({error})") from error
+    metadata = {k.decode(): v.decode() for k, v in (table.schema.metadata or {}).items()}
+    found = (metadata.get("table"), metadata.get("table_version"))
+    if found != (spec.name, str(spec.version)):
+        raise TableError(f"{path} holds table {found[0]} v{found[1]}, wanted {spec.name} v{spec.version}")
+    return spec.check(table.cast(spec.schema))
+
+
+def _value_type(kind: pa.DataType) -> pa.DataType:
+    return kind.value_type if pa.types.is_fixed_size_list(kind) else kind
+
+
+def _leaf(field: pa.Field) -> str:
+    """Return the Parquet path of a column's values."""
+    return f"{field.name}.list.element" if pa.types.is_fixed_size_list(field.type) else str(field.name)
+
+
+def _difference(found: pa.Schema, wanted: pa.Schema) -> str:
+    have = {field.name: str(field.type) for field in found}
+    want = {field.name: str(field.type) for field in wanted}
+    odd = [f"{n} {have.get(n, 'missing')} instead of {want.get(n, 'nothing')}"
+           for n in dict.fromkeys([*want, *have]) if have.get(n) != want.get(n)]  # fmt: skip
+    return ", ".join(odd) or f"columns in the order {', '.join(have)} instead of {', '.join(want)}"

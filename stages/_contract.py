@@ -1,0 +1,68 @@
+"""What a stage is: a pure function from tables to tables, with its name, version, config and tables stated beside it.
+
+A stage knows no path, no store, no scheduler and no other stage. It is called once per shard, so that shards may run in
+any order, on any machine, and again after a crash.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Generic, Literal, TypeVar
+
+import pyarrow as pa
+from pydantic import BaseModel, ConfigDict
+
+from assemblyhands_core.data.tables import TableSpec
+
+Tables = Mapping[str, pa.Table]
+Sharding = Literal["sequence", "chunk"]
+
+
+class StageConfig(BaseModel):
+    """Base of every stage's parameters: frozen, strict, unknown names refused. Values stand in ``conf/stage``."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
+
+
+ConfigT = TypeVar("ConfigT", bound=StageConfig)
+
+
+@dataclass(frozen=True)
+class Context:
+    """Where and with what a shard runs; nothing in here may change a result.
+
+    Attributes:
+        blob_dir: folder for files that belong to the result; rows refer to them by name.
+        sequence_id: the shard's sequence.
+        num_threads: threads that the stage may use.
+    """
+
+    blob_dir: Path
+    sequence_id: str
+    num_threads: int = 1
+
+
+@dataclass(frozen=True)
+class Stage(Generic[ConfigT]):
+    """A stage's declaration.
+
+    Attributes:
+        name: also the folder in the store and the name of its config file.
+        version: raised whenever results change for equal inputs and config.
+        config: class of its parameters.
+        inputs: role → table.
+        outputs: name → table; the first is what ``load(node)`` gives.
+        run: ``run(config, inputs, context) -> outputs``.
+        shard: one call per sequence, or per chunk of frames of a sequence.
+        externals: what the result depends on beyond config and tables (weights, package versions, files named in the
+            config), as name → digest. Part of the cache key.
+    """
+
+    name: str
+    version: int
+    config: type[ConfigT]
+    inputs: Mapping[str, TableSpec]
+    outputs: Mapping[str, TableSpec]
+    run: Callable[[ConfigT, Tables, Context], Tables]
+    shard: Sharding
+    externals: Callable[[ConfigT, str], Mapping[str, str]] = field(default=lambda config, sequence_id: {})
