@@ -5,7 +5,7 @@ any order, on any machine, and again after a crash.
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Generic, Literal, TypeVar
 
@@ -22,6 +22,11 @@ class StageConfig(BaseModel):
     """Base of every stage's parameters: frozen, strict, unknown names refused. Values stand in ``conf/stage``."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
+
+
+def no_externals(config: StageConfig, sequence_id: str) -> Mapping[str, str]:
+    """Return the externals of a stage that depends on its config and tables alone."""
+    return {}
 
 
 ConfigT = TypeVar("ConfigT", bound=StageConfig)
@@ -65,4 +70,4 @@ class Stage(Generic[ConfigT]):
     outputs: Mapping[str, TableSpec]
     run: Callable[[ConfigT, Tables, Context], Tables]
     shard: Sharding
-    externals: Callable[[ConfigT, str], Mapping[str, str]] = field(default=lambda config, sequence_id: {})
+    externals: Callable[[ConfigT, str], Mapping[str, str]] = no_externals

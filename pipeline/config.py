@@ -1,0 +1,123 @@
+"""The run's configuration: Hydra composes it from ``conf``, strict frozen models check it."""
+
+import difflib
+import json
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from omegaconf import DictConfig, OmegaConf
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+
+from pipeline.dag import TARGETS, Dag, build_dag
+from stages._contract import StageConfig
+
+CONF_FOLDER = Path(__file__).resolve().parents[1] / "conf"
+_PathField = Annotated[Path, BeforeValidator(lambda value: Path(value) if isinstance(value, str) else value)]
+
+
+class UserError(ValueError):
+    """Something that the user can put right; its message says what and how. Shown without a traceback."""
+
+
+class _Model(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
+
+
+class RigConfig(_Model):
+    """A rig of one's own: one calibration file, and the videos as a glob; file names are the cameras' names."""
+
+    calibration: str | None
+    videos: str | None
+
+
+class ExecutorConfig(_Model):
+    """Where tasks run. ``num_workers`` 0 means one for each core; cores are shared out among the workers."""
+
+    name: Literal["serial", "local"]
+    num_workers: int = Field(ge=0)
+    memory_limit: str
+
+
+class GcConfig(_Model):
+    """What ``gc`` keeps: the results of the newest ``keep_runs`` runs."""
+
+    keep_runs: int = Field(ge=1)
+    dry_run: bool
+
+
+class RunConfig(_Model):
+    """Everything but the stages' parameters, which are checked by their own classes."""
+
+    seq: str
+    target: str
+    manifest: str
+    workspace: _PathField
+    run: str
+    rig: RigConfig
+    executor: ExecutorConfig
+    gc: GcConfig
+    stages: Mapping[str, Any]
+
+    @cached_property
+    def dag(self) -> Dag:
+        """Return the DAG."""
+        return build_dag()
+
+    def stage_config(self, stage: str) -> StageConfig:
+        """Return the checked parameters of a stage."""
+        config: StageConfig = self.stages[stage]
+        return config
+
+
+def stage_classes() -> dict[str, type[StageConfig]]:
+    """Return the config class of every stage by its name, which is also its name in ``conf/stage``."""
+    return {node.stage.name: node.stage.config for node in build_dag().nodes.values()}
+
+
+def check_config(composed: DictConfig) -> RunConfig:
+    """Return the frozen configuration of what Hydra composed.
+
+    Raises:
+        UserError: naming the parameter, the value and what is allowed.
+    """
+    values = OmegaConf.to_container(composed, resolve=True)
+    assert isinstance(values, dict)
+    classes = stage_classes()
+    stages = {name: _validate(cls, values.pop(name), f"{name}.") for name, cls in classes.items()}
+    config = _validate(RunConfig, {**values, "stages": {}}, "").model_copy(update={"stages": stages})
+    if config.target not in TARGETS and config.target not in config.dag.nodes:
+        raise UserError(f"target={config.target} is unknown; choose among {', '.join([*TARGETS, *config.dag.nodes])}")
+    return config
+
+
+def unknown_key_message(overrides: Sequence[str], composed: DictConfig) -> str | None:
+    """Return a sentence about the first override whose key does not exist, with the nearest valid name."""
+    known = _flat_keys(OmegaConf.to_container(composed))
+    for override in overrides:
+        key, sign, _ = override.partition("=")
+        if sign and not key.startswith(("hydra", "+", "~")) and key not in known and not _is_group(key):
+            near = difflib.get_close_matches(key, known, n=1, cutoff=0.5) or [k for k in known if key in k][:1]
+            hint = f"; did you mean {near[0]}?" if near else "; `--cfg job` prints all parameters"
+            return f"there is no parameter {key}{hint}"
+    return None
+
+
+def _validate(model: type[Any], values: Any, prefix: str) -> Any:
+    try:
+        return model.model_validate_json(json.dumps(values))
+    except ValidationError as error:
+        first = error.errors()[0]
+        name = prefix + ".".join(str(part) for part in first["loc"])
+        raise UserError(f"{name}={first['input']!r} is not possible: {first['msg']}") from None
+
+
+def _flat_keys(values: Any, prefix: str = "") -> list[str]:
+    if not isinstance(values, dict):
+        return [prefix[:-1]]
+    return ([prefix[:-1]] if prefix else []) + [k for n, v in values.items() for k in _flat_keys(v, f"{prefix}{n}.")]
+
+
+def _is_group(key: str) -> bool:
+    return (CONF_FOLDER / key.split("@")[0]).is_dir()

@@ -1,0 +1,173 @@
+"""One shard of one node: resolve its key from what it reads, then reuse the store's entry or compute it.
+
+Everything that crosses a process boundary here is small: names, digests, counts. Tables stay in the store.
+"""
+
+import time
+import traceback
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+import pyarrow as pa
+
+from assemblyhands_core.data.catalog import SOURCES
+from assemblyhands_core.data.digests import digest_json
+from assemblyhands_core.data.store import DamagedEntry, Output, Record, Store
+from pipeline.dag import SOURCE_EDGE, Node
+from pipeline.shard_log import shard_log
+from stages._contract import Context, Stage, StageConfig
+
+Status = Literal["reused", "done", "failed", "blocked"]
+
+
+@dataclass(frozen=True, order=True)
+class Shard:
+    """A sequence, or one chunk of its frames."""
+
+    sequence_id: str
+    chunk: int | None = None
+
+    def __str__(self) -> str:
+        return self.sequence_id if self.chunk is None else f"{self.sequence_id}.{self.chunk:05d}"
+
+
+@dataclass(frozen=True)
+class Task:
+    """What a worker needs to run one shard of one node.
+
+    Attributes:
+        config: the stage's parameters, validated.
+        sources: rows of the ``sources`` table, for a node that reads the recording's files.
+        workspace, log: where the store and this shard's log lie.
+        num_threads: threads that the stage may use.
+    """
+
+    node: Node
+    shard: Shard
+    config: StageConfig
+    sources: tuple[Mapping[str, str], ...]
+    workspace: Path
+    log: Path
+    num_threads: int = 1
+
+
+@dataclass(frozen=True)
+class Result:
+    """What became of a task: where its entry lies, or why there is none.
+
+    Attributes:
+        key, outputs: the entry's key and its tables' digests and counts; empty when failed or blocked.
+        seconds: the time that making the entry took, whenever that was.
+        error: a sentence for the user, when failed or blocked.
+        is_repairable: the failure was a damaged store entry, now set aside; running again rebuilds it.
+    """
+
+    node: str
+    shard: Shard
+    status: Status
+    key: str = ""
+    outputs: Mapping[str, Output] = field(default_factory=dict)
+    seconds: float = 0.0
+    error: str = ""
+    is_repairable: bool = False
+
+    @property
+    def has_entry(self) -> bool:
+        """Whether other shards can read this one's tables."""
+        return self.status in ("reused", "done")
+
+
+Upstream = Mapping[str, Sequence[Result]]
+
+
+def key_parts(task: Task, upstream: Upstream) -> dict[str, Any]:
+    """Return everything that a shard's outcome depends on; its digest is the shard's key."""
+    stage = task.node.stage
+    return {
+        "stage": stage.name,
+        "version": stage.version,
+        "tables": {name: f"{spec.name} v{spec.version}" for name, spec in {**stage.inputs, **stage.outputs}.items()},
+        "config": task.config.model_dump(mode="json"),
+        "externals": dict(stage.externals(task.config, task.shard.sequence_id)),
+        "inputs": {role: _input_digests(task, edge, upstream) for role, edge in task.node.inputs.items()},
+    }
+
+
+def find_entry(task: Task, upstream: Upstream, store: Store) -> Result | None:
+    """Return the result of a shard whose entry is already in the store."""
+    stage = task.node.stage
+    record = store.find(stage.name, digest_json(key_parts(task, upstream)))
+    return None if record is None else _result(task, "reused", record)
+
+
+def run_task(task: Task, upstream: Upstream) -> Result:
+    """Reuse or compute one shard; errors become results, so that they stop only what depends on them."""
+    if missing := sorted({name for name, results in upstream.items() if not all(r.has_entry for r in results)}):
+        return Result(task.node.name, task.shard, "blocked", error=f"needs {', '.join(missing)}")
+    try:
+        store = Store(task.workspace)
+        return find_entry(task, upstream, store) or _compute(task, upstream, store)
+    except DamagedEntry as error:
+        return Result(task.node.name, task.shard, "failed", error=str(error), is_repairable=True)
+    except Exception as error:  # the boundary of a shard: whatever a stage raises must not stop other shards
+        with task.log.open("a") as log:
+            log.write(traceback.format_exc())
+        return Result(task.node.name, task.shard, "failed", error=_sentence(error))
+
+
+def _compute(task: Task, upstream: Upstream, store: Store) -> Result:
+    stage: Stage[Any] = task.node.stage
+    started = time.perf_counter()
+    inputs = {role: _read_input(task, role, edge, upstream, store) for role, edge in task.node.inputs.items()}
+    with store.draft(stage.name, key_parts(task, upstream)) as draft:
+        context = Context(draft.folder, task.shard.sequence_id, task.num_threads)
+        with shard_log(task.log):
+            tables = stage.run(task.config, inputs, context)
+        if set(tables) != set(stage.outputs):
+            raise ValueError(f"stage {stage.name} returned {sorted(tables)} instead of {sorted(stage.outputs)}")
+        checked = {name: (spec, tables[name]) for name, spec in stage.outputs.items()}
+        record = draft.write(checked, time.perf_counter() - started)
+    return _result(task, "done", record)
+
+
+def _result(task: Task, status: Status, record: Record) -> Result:
+    return Result(task.node.name, task.shard, status, record.key, record.outputs, record.seconds)
+
+
+def _input_digests(task: Task, edge: str, upstream: Upstream) -> list[str]:
+    if edge == SOURCE_EDGE:
+        return [SOURCES.digest(SOURCES.from_rows(task.sources))]
+    node, output = edge.split(".")
+    slice_name = f"#{task.shard.chunk}" if _is_sliced(task, edge) else ""
+    return [result.outputs[output].digest + slice_name for result in upstream[node]]
+
+
+def _read_input(task: Task, role: str, edge: str, upstream: Upstream, store: Store) -> pa.Table:
+    if edge == SOURCE_EDGE:
+        return SOURCES.from_rows(task.sources)
+    node, output = edge.split(".")
+    spec = task.node.stage.inputs[role]
+    records = [_record(store, task.node.upstream_stages[node], result) for result in upstream[node]]
+    table = pa.concat_tables([store.read(record, output, spec) for record in records])
+    if _is_sliced(task, edge):
+        table = table.filter(pa.compute.equal(table.column("chunk"), task.shard.chunk))
+    return table
+
+
+def _record(store: Store, stage: str, result: Result) -> Record:
+    record = store.find(stage, result.key)
+    if record is None:
+        raise DamagedEntry(f"the entry {store.entry(stage, result.key)} has vanished; run again")
+    return record
+
+
+def _is_sliced(task: Task, edge: str) -> bool:
+    """Whether a chunk reads only its own rows of a table that covers the whole sequence."""
+    return task.shard.chunk is not None and edge == task.node.chunk_edge
+
+
+def _sentence(error: Exception) -> str:
+    text = str(error).strip() or "no message"
+    return text if isinstance(error, ValueError | OSError) else f"{type(error).__name__}: {text}"
