@@ -1,0 +1,347 @@
+"""Lens models: rays in the camera frame to normalised image coordinates, and exactly back.
+
+A normalised coordinate times the focal length plus the principal point is a pixel. Every model is defined on its
+valid field only: up to the turning point of its radial polynomial, in front of the camera (pinhole, OpenCV), at most
+180° off the axis (fisheye). Outside, both directions give NaN, because there a pixel has no single ray.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, ClassVar, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+Floats = npt.NDArray[np.floating]
+Doubles = npt.NDArray[np.float64]
+
+COEFFICIENT_NAMES = ("k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2", "p3", "p4")
+"""The order in which every lens stores its coefficients."""
+
+_TOLERANCE = 1e-12
+_MAX_ITERATIONS = 30
+_NUM_TABLE_SAMPLES = 1024
+_MAX_TAN = 1e3  # 89.94° off the axis: where the field of a perspective lens without turning point ends
+
+
+class Lens(Protocol):
+    """What a camera needs to know about its lens."""
+
+    model: ClassVar[str]
+
+    def distort(self, rays: Floats) -> Floats:
+        """Map rays or points `(..., 3)` in the camera frame to normalised image coordinates `(..., 2)`."""
+        ...
+
+    def undistort(self, normalised: Floats) -> Floats:
+        """Map normalised image coordinates `(..., 2)` to unit rays `(..., 3)` in the camera frame."""
+        ...
+
+    def coefficients(self) -> Doubles:
+        """Return the coefficients `(10,)` in the order k1..k6, p1..p4."""
+        ...
+
+
+@dataclass(frozen=True)
+class Pinhole:
+    """The lens without distortion."""
+
+    model: ClassVar[str] = "Pinhole"
+
+    def distort(self, rays: Floats) -> Floats:
+        """Divide by depth: `(..., 3)` to `(..., 2)`; NaN at and behind the camera plane."""
+        points, dtype = _as_double(rays)
+        return _perspective(points).astype(dtype, copy=False)
+
+    def undistort(self, normalised: Floats) -> Floats:
+        """Return the unit rays `(..., 3)` of normalised coordinates `(..., 2)`."""
+        plane, dtype = _as_double(normalised)
+        return _unit_rays(plane).astype(dtype, copy=False)
+
+    def coefficients(self) -> Doubles:
+        """Return ten zeros."""
+        return np.zeros(len(COEFFICIENT_NAMES))
+
+
+@dataclass(frozen=True)
+class OpenCVLens:
+    """The perspective lens of OpenCV: radial (rational when k4..k6 are given) plus tangential (formats 1.5)."""
+
+    k1: float = 0.0
+    k2: float = 0.0
+    k3: float = 0.0
+    p1: float = 0.0
+    p2: float = 0.0
+    k4: float = 0.0
+    k5: float = 0.0
+    k6: float = 0.0
+    model: ClassVar[str] = "OpenCV"
+
+    def distort(self, rays: Floats) -> Floats:
+        """Map rays `(..., 3)` to `(..., 2)`; NaN behind the camera plane and beyond the turning point."""
+        points, dtype = _as_double(rays)
+        plane = _perspective(points)
+        inside = _squared_norm(plane) <= self._max_radius**2
+        return self._map(np.where(inside[..., None], plane, np.nan)).astype(dtype, copy=False)
+
+    def undistort(self, normalised: Floats) -> Floats:
+        """Map `(..., 2)` to unit rays `(..., 3)` by Newton's method in the plane; NaN outside the valid field."""
+        target, dtype = _as_double(normalised)
+        flat = target.reshape(-1, 2)
+        plane = _newton(self._newton_step, flat, self._radial_start(flat))
+        plane[~(_squared_norm(plane) <= self._max_radius**2)] = np.nan
+        return _unit_rays(plane).reshape(*target.shape[:-1], 3).astype(dtype, copy=False)
+
+    def coefficients(self) -> Doubles:
+        """Return `(10,)`: k1..k6, p1, p2, 0, 0."""
+        return np.array([self.k1, self.k2, self.k3, self.k4, self.k5, self.k6, self.p1, self.p2, 0.0, 0.0])
+
+    @cached_property
+    def _numerator(self) -> Doubles:
+        return np.array([1.0, self.k1, self.k2, self.k3])
+
+    @cached_property
+    def _denominator(self) -> Doubles:
+        return np.array([1.0, self.k4, self.k5, self.k6])
+
+    @cached_property
+    def _max_radius(self) -> float:
+        """Where d(r·N/D)/dr or D first vanishes; with s = r² the former is N D + 2 s (N' D - N D')."""
+        n, d = np.polynomial.Polynomial(self._numerator), np.polynomial.Polynomial(self._denominator)
+        turning = n * d + np.polynomial.Polynomial([0.0, 2.0]) * (n.deriv() * d - n * d.deriv())
+        squared = min(_first_positive_root(np.asarray(turning.coef)), _first_positive_root(np.asarray(d.coef)))
+        return min(float(np.sqrt(squared)), _MAX_TAN)
+
+    @cached_property
+    def _radius_table(self) -> tuple[Doubles, Doubles]:
+        angles = np.linspace(0.0, np.arctan(self._max_radius), _NUM_TABLE_SAMPLES)
+        radii = np.tan(angles)
+        return radii * self._radial(radii**2)[0], radii
+
+    def _radial(self, s: Doubles) -> tuple[Doubles, Doubles]:
+        """Return the radial factor and its derivative by s = r²."""
+        numerator, denominator = _polynomial(self._numerator, s), _polynomial(self._denominator, s)
+        factor = numerator / denominator
+        slope = (_slope(self._numerator, s) - factor * _slope(self._denominator, s)) / denominator
+        return factor, slope
+
+    def _map(self, plane: Doubles) -> Doubles:
+        a, b = plane[..., 0], plane[..., 1]
+        s, ab = a * a + b * b, a * b
+        radial = _polynomial(self._numerator, s) / _polynomial(self._denominator, s)
+        return np.stack(
+            (
+                a * radial + 2 * self.p1 * ab + self.p2 * (s + 2 * a * a),
+                b * radial + self.p1 * (s + 2 * b * b) + 2 * self.p2 * ab,
+            ),
+            axis=-1,
+        )
+
+    def _newton_step(self, plane: Doubles, target: Doubles) -> tuple[Doubles, Doubles]:
+        a, b = plane[:, 0], plane[:, 1]
+        radial, slope = self._radial(a * a + b * b)
+        error = self._map(plane) - target
+        cross = 2 * slope * a * b + 2 * self.p1 * a + 2 * self.p2 * b
+        du_da = radial + 2 * slope * a * a + 2 * self.p1 * b + 6 * self.p2 * a
+        dv_db = radial + 2 * slope * b * b + 6 * self.p1 * b + 2 * self.p2 * a
+        return error, _solve_2x2(du_da, cross, cross, dv_db, error)
+
+    def _radial_start(self, target: Doubles) -> Doubles:
+        """Invert the radial part alone from a table: close enough for Newton never to jump over the turning point."""
+        distorted_radius = np.sqrt(_squared_norm(target))
+        distorted, radii = self._radius_table
+        # The tangential terms may reach a little beyond the radial table: start those at its edge.
+        near_edge = distorted_radius <= distorted[-1] * 1.05
+        radius = np.where(near_edge, np.interp(distorted_radius, distorted, radii), np.nan)
+        return target * (radius / np.where(distorted_radius > 0, distorted_radius, 1.0))[:, None]
+
+
+@dataclass(frozen=True)
+class OVFishEye62:
+    """The equidistant fisheye of the ego cameras: six even radial powers, then two tangential terms (formats 1.6).
+
+    The tangential terms act on the already radially distorted point and p1, p2 have the opposite roles of OpenCV's.
+    """
+
+    k1: float = 0.0
+    k2: float = 0.0
+    k3: float = 0.0
+    k4: float = 0.0
+    k5: float = 0.0
+    k6: float = 0.0
+    p1: float = 0.0
+    p2: float = 0.0
+    model: ClassVar[str] = "OVFishEye62"
+
+    def distort(self, rays: Floats) -> Floats:
+        """Map rays `(..., 3)` to `(..., 2)`; NaN beyond the turning point and on the axis behind the camera."""
+        points, dtype = _as_double(rays)
+        off_axis = np.hypot(points[..., 0], points[..., 1])
+        angle = np.arctan2(off_axis, points[..., 2])
+        angle = np.where((angle <= self._max_angle) & ((off_axis > 0) | (points[..., 2] > 0)), angle, np.nan)
+        scale = angle * _polynomial(self._radial, angle * angle) / np.where(off_axis > 0, off_axis, 1.0)
+        return self._add_tangential(points[..., :2] * scale[..., None]).astype(dtype, copy=False)
+
+    def undistort(self, normalised: Floats) -> Floats:
+        """Map `(..., 2)` to unit rays `(..., 3)`: Newton on the tangential map, then on the radial polynomial."""
+        target, dtype = _as_double(normalised)
+        flat = target.reshape(-1, 2)
+        radial_point = _newton(self._tangential_step, flat, flat.copy())
+        radius = np.sqrt(_squared_norm(radial_point))
+        angle = self._angle(radius)
+        direction = radial_point / np.where(radius > 0, radius, 1.0)[:, None]
+        rays = np.concatenate((direction * np.sin(angle)[:, None], np.cos(angle)[:, None]), axis=-1)
+        return rays.reshape(*target.shape[:-1], 3).astype(dtype, copy=False)
+
+    def coefficients(self) -> Doubles:
+        """Return `(10,)`: k1..k6, p1, p2, 0, 0."""
+        return np.array([self.k1, self.k2, self.k3, self.k4, self.k5, self.k6, self.p1, self.p2, 0.0, 0.0])
+
+    @cached_property
+    def _radial(self) -> Doubles:
+        return np.array([1.0, self.k1, self.k2, self.k3, self.k4, self.k5, self.k6])
+
+    @cached_property
+    def _max_angle(self) -> float:
+        """The first angle where θ·poly(θ²) stops growing, at most π."""
+        powers = 2 * np.arange(len(self._radial)) + 1
+        return min(float(np.sqrt(_first_positive_root(self._radial * powers))), np.pi)
+
+    @cached_property
+    def _angle_table(self) -> tuple[Doubles, Doubles]:
+        angles = np.linspace(0.0, self._max_angle, _NUM_TABLE_SAMPLES)
+        return angles * _polynomial(self._radial, angles**2), angles
+
+    def _angle(self, radius: Doubles) -> Doubles:
+        """Invert θ·poly(θ²) = radius `(N,)`; NaN beyond the largest angle of the field."""
+        distorted, angles = self._angle_table
+        start = np.interp(radius, distorted, angles, right=np.nan)
+        return _newton(self._angle_step, radius[:, None], start[:, None])[:, 0]
+
+    def _angle_step(self, angle: Doubles, radius: Doubles) -> tuple[Doubles, Doubles]:
+        s = angle * angle
+        factor = _polynomial(self._radial, s)
+        error = angle * factor - radius
+        derivative = factor + 2 * s * _slope(self._radial, s)
+        return error, error / np.where(derivative > 0, derivative, np.nan)
+
+    def _add_tangential(self, point: Doubles) -> Doubles:
+        a, b = point[..., 0], point[..., 1]
+        s, ab = a * a + b * b, a * b
+        return np.stack(
+            (
+                a + self.p1 * (s + 2 * a * a) + 2 * self.p2 * ab,
+                b + self.p2 * (s + 2 * b * b) + 2 * self.p1 * ab,
+            ),
+            axis=-1,
+        )
+
+    def _tangential_step(self, point: Doubles, target: Doubles) -> tuple[Doubles, Doubles]:
+        a, b = point[:, 0], point[:, 1]
+        error = self._add_tangential(point) - target
+        cross = 2 * self.p1 * b + 2 * self.p2 * a
+        du_da = 1 + 6 * self.p1 * a + 2 * self.p2 * b
+        dv_db = 1 + 6 * self.p2 * b + 2 * self.p1 * a
+        return error, _solve_2x2(du_da, cross, cross, dv_db, error)
+
+
+def lens_from_coefficients(model: str, coefficients: Mapping[str, float] | npt.ArrayLike) -> Lens:
+    """Build a lens from its model name and stored coefficients.
+
+    Args:
+        model: "Pinhole", "OpenCV" or "OVFishEye62".
+        coefficients: By name (missing ones are 0), or `(10,)` in the order k1..k6, p1..p4.
+
+    Raises:
+        ValueError: Unknown model, or a coefficient that this model does not have is not zero.
+    """
+    if model not in _LENSES:
+        raise ValueError(f"Distortion model {model!r} is not supported: use one of {', '.join(_LENSES)}.")
+    values = _named_coefficients(coefficients)
+    known = {name: values.pop(name) for name in _LENSES[model].__dataclass_fields__ if name in values}
+    if any(values.values()):
+        unused = ", ".join(f"{name}={value}" for name, value in values.items() if value)
+        raise ValueError(f"Lens model {model} has no {unused}: set it to 0 or choose the model that was calibrated.")
+    lens: Lens = _LENSES[model](**known)
+    return lens
+
+
+_LENSES: dict[str, Any] = {lens.model: lens for lens in (Pinhole, OpenCVLens, OVFishEye62)}
+
+
+def _named_coefficients(coefficients: Mapping[str, float] | npt.ArrayLike) -> dict[str, float]:
+    if isinstance(coefficients, Mapping):
+        named = {name: float(value) for name, value in coefficients.items()}
+    else:
+        named = dict(zip(COEFFICIENT_NAMES, np.asarray(coefficients, dtype=float).tolist(), strict=True))
+    if not set(named) <= set(COEFFICIENT_NAMES) or not np.isfinite(list(named.values())).all():
+        raise ValueError(f"Lens coefficients {named} are wrong: give finite numbers named {COEFFICIENT_NAMES}.")
+    return named
+
+
+def _as_double(values: Floats) -> tuple[Doubles, np.dtype[Any]]:
+    """Return float64 values to compute with and the type to answer in."""
+    values = np.asarray(values)
+    dtype = values.dtype if values.dtype == np.float32 else np.dtype(np.float64)
+    return values.astype(np.float64, copy=False), dtype
+
+
+def _perspective(points: Doubles) -> Doubles:
+    depth = points[..., 2:]
+    return points[..., :2] / np.where(depth > 0, depth, np.nan)
+
+
+def _unit_rays(plane: Doubles) -> Doubles:
+    rays = np.concatenate((plane, np.ones_like(plane[..., :1])), axis=-1)
+    return rays / np.linalg.norm(rays, axis=-1, keepdims=True)
+
+
+def _squared_norm(plane: Doubles) -> Doubles:
+    return np.asarray(plane[..., 0] ** 2 + plane[..., 1] ** 2)
+
+
+def _polynomial(coefficients: Doubles, s: Doubles) -> Doubles:
+    """Evaluate Σ c_i sⁱ by Horner's rule."""
+    value = np.full_like(s, coefficients[-1])
+    for coefficient in coefficients[-2::-1]:
+        value = value * s + coefficient
+    return value
+
+
+def _slope(coefficients: Doubles, s: Doubles) -> Doubles:
+    return _polynomial(coefficients[1:] * np.arange(1, len(coefficients)), s)
+
+
+def _first_positive_root(coefficients: npt.NDArray[Any]) -> float:
+    roots = np.polynomial.polynomial.polyroots(np.trim_zeros(coefficients, "b"))
+    real = roots[np.abs(roots.imag) < 1e-9].real
+    return float(real[real > 0].min(initial=np.inf))
+
+
+def _solve_2x2(a: Doubles, b: Doubles, c: Doubles, d: Doubles, right: Doubles) -> Doubles:
+    determinant = a * d - b * c
+    inverse = 1.0 / np.where(determinant > 0, determinant, np.nan)  # ≤ 0: the map folds here, there is no inverse
+    return np.stack((d * right[:, 0] - b * right[:, 1], a * right[:, 1] - c * right[:, 0]), axis=-1) * inverse[:, None]
+
+
+def _newton(step: Callable[[Doubles, Doubles], tuple[Doubles, Doubles]], target: Doubles, start: Doubles) -> Doubles:
+    """Solve for every row; only rows that have not converged keep iterating, rows that never do become NaN.
+
+    Args:
+        step: From rows of the solution and of the target to the error and to the Newton step that removes it.
+        target: `(N, K)`.
+        start: `(N, K)`, NaN where there is no solution; changed in place.
+    """
+    active = np.flatnonzero(np.isfinite(start).all(axis=1))
+    start[np.isnan(start).any(axis=1)] = np.nan
+    for _ in range(_MAX_ITERATIONS):
+        error, change = step(start[active], target[active])
+        allowed = _TOLERANCE * (1 + np.abs(target[active]).max(axis=1, initial=0))
+        unconverged = ~(np.abs(error).max(axis=1, initial=0) <= allowed)
+        active = active[unconverged]
+        if not len(active):
+            break
+        start[active] -= change[unconverged]
+    start[active] = np.nan
+    return start

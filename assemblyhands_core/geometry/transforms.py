@@ -1,0 +1,61 @@
+"""Rigid transforms as 4×4 matrices, named `T_target_from_source`."""
+
+import numpy as np
+import numpy.typing as npt
+
+Floats = npt.NDArray[np.floating]
+
+MAX_ORTHONORMALITY_ERROR = 1e-5
+"""Largest entry of |R Rᵀ - I| that still passes as a rotation (formats: the reference loader rejects worse)."""
+
+
+def rigid(rotation: Floats, translation: Floats) -> Floats:
+    """Build `T` with `T @ [x, 1] = [rotation @ x + translation, 1]`.
+
+    Args:
+        rotation: `(3, 3)`.
+        translation: `(3,)`, in the unit of the points.
+
+    Returns:
+        `(4, 4)` float64.
+    """
+    transform = np.eye(4)
+    transform[:3, :3] = rotation
+    transform[:3, 3] = translation
+    return transform
+
+
+def inverse(transform: Floats) -> Floats:
+    """Invert a rigid transform `(4, 4)` by transposing its rotation."""
+    rotation = transform[:3, :3]
+    return rigid(rotation.T, -rotation.T @ transform[:3, 3])
+
+
+def apply(transform: Floats, points: Floats) -> Floats:
+    """Map points `(..., 3)` by a rigid transform `(4, 4)`; the type of the points is kept."""
+    mapped: Floats = points @ transform[:3, :3].T.astype(points.dtype) + transform[:3, 3].astype(points.dtype)
+    return mapped
+
+
+def reason_not_rigid(transform: Floats) -> str | None:
+    """Say why a matrix is no rigid transform, or None when it is one.
+
+    Args:
+        transform: Candidate, expected `(4, 4)`.
+
+    Returns:
+        The reason as a piece of a sentence, with the offending value.
+    """
+    if transform.shape != (4, 4):
+        return f"it has shape {transform.shape} instead of (4, 4)"
+    if not np.isfinite(transform).all():
+        return "it contains NaN or infinity"
+    if np.abs(transform[3] - (0.0, 0.0, 0.0, 1.0)).max() > MAX_ORTHONORMALITY_ERROR:
+        return f"its last row is {transform[3].tolist()} instead of [0, 0, 0, 1]"
+    rotation = transform[:3, :3]
+    error = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
+    if error > MAX_ORTHONORMALITY_ERROR:
+        return f"its rotation is not orthonormal (|R Rᵀ - I| = {error:.2g}, allowed {MAX_ORTHONORMALITY_ERROR:g})"
+    if np.linalg.det(rotation) < 0:
+        return "its rotation is a mirror image (determinant -1)"
+    return None
