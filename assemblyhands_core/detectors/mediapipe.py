@@ -1,0 +1,239 @@
+"""MediaPipe's body and hand detectors (0.10.14 ships their weights in the wheel and runs offline)."""
+
+import os
+import warnings
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+import cv2
+import numpy as np
+
+from assemblyhands_core.data.digests import digest_file
+from assemblyhands_core.detectors._packages import import_package, package_version
+from assemblyhands_core.detectors.base import (
+    BodyDetections,
+    DetectorError,
+    FloatArray,
+    HandDetection,
+    ImageRGB,
+    from_wrist_first,
+    masked,
+)
+from assemblyhands_core.hands.body import BODY_BONES
+from assemblyhands_core.hands.joints import Hand
+
+_INSTALL: Final = "pip install --no-deps mediapipe==0.10.14"
+
+# Which of BlazePose's 33 landmarks each COCO-17 keypoint is.
+COCO_FROM_BLAZEPOSE: Final = (0, 2, 5, 7, 8, 11, 12, 13, 14, 15, 16, 23, 24, 25, 26, 27, 28)
+
+_MODEL_FILES: Final = (
+    "modules/pose_detection/pose_detection.tflite",
+    "modules/pose_landmark/pose_landmark_full.tflite",
+    "modules/palm_detection/palm_detection_full.tflite",
+    "modules/palm_detection/palm_detection_lite.tflite",
+    "modules/hand_landmark/hand_landmark_full.tflite",
+    "modules/hand_landmark/hand_landmark_lite.tflite",
+)
+
+_NEUTRAL_GRAY: Final = (128, 128, 128)
+_MIN_BODY_KEYPOINTS: Final = 6
+_NECK_BONES: Final = ((0, 5), (0, 6))
+
+
+class MediapipeBody:
+    """Persons by BlazePose; further persons by looking again with those already found painted over."""
+
+    needs_image = True
+
+    def __init__(self, max_persons: int = 2, min_confidence: float = 0.5, model_complexity: int = 1) -> None:
+        """Load the models.
+
+        Args:
+            max_persons: how many persons to look for; each costs one more pass (~40 ms on one core).
+            min_confidence: detection threshold, and the mean visibility below which a further person does not count.
+            model_complexity: 1; the wheel does not hold the others.
+
+        Raises:
+            DetectorError: mediapipe is not installed, or another complexity was asked for.
+        """
+        if model_complexity != 1:
+            raise DetectorError(f"mediapipe's wheel holds only the body model of complexity 1, not {model_complexity}.")
+        self._max_persons = max_persons
+        self._min_confidence = min_confidence
+        # Static mode: without tracking from frame to frame a result depends on its image alone.
+        self._pose = _solution("pose").Pose(
+            static_image_mode=True, model_complexity=model_complexity, min_detection_confidence=min_confidence
+        )
+
+    def detect(self, image_rgb: ImageRGB | None, camera_id: str, frame: int) -> BodyDetections:
+        """Return up to ``max_persons`` persons of the image (H, W, 3)."""
+        image = _contiguous(image_rgb, camera_id, frame)
+        persons: list[tuple[FloatArray, FloatArray]] = []
+        while len(persons) < self._max_persons:
+            landmarks = self._pose.process(image).pose_landmarks
+            if landmarks is None:
+                break
+            found = body_from_landmarks(landmarks.landmark, image.shape[1], image.shape[0])
+            if not self._is_new(found, [keypoints for keypoints, _ in persons]):
+                break
+            persons.append(found)
+            if len(persons) < self._max_persons:
+                image = paint_over(image, found[0])
+        if not persons:
+            return BodyDetections.none()
+        return BodyDetections(np.stack([k for k, _ in persons]), np.stack([c for _, c in persons]))
+
+    def _is_new(self, found: tuple[FloatArray, FloatArray], known: list[FloatArray]) -> bool:
+        keypoints_px, confidence = found
+        if not known:
+            return True
+        if np.median(confidence) < self._min_confidence or (confidence > 0).sum() < _MIN_BODY_KEYPOINTS:
+            return False
+        return all(_is_elsewhere(keypoints_px, other) for other in known)
+
+
+class MediapipeHands:
+    """One hand of a crop by MediaPipe Hands."""
+
+    needs_image = True
+
+    def __init__(
+        self,
+        min_confidence: float = 0.3,
+        model_complexity: int = 1,
+        input_px: int = 384,
+        max_hands: int = 2,
+    ) -> None:
+        """Load the models.
+
+        Args:
+            min_confidence: palm detection threshold.
+            model_complexity: 0 or 1, the landmark model.
+            input_px: the crop is resized to this side before detection; the palm detector itself works at 192.
+            max_hands: how many hands of the crop to choose from.
+
+        Raises:
+            DetectorError: mediapipe is not installed.
+        """
+        self._input_px = input_px
+        self._hands = _solution("hands").Hands(
+            static_image_mode=True,
+            model_complexity=model_complexity,
+            max_num_hands=max_hands,
+            min_detection_confidence=min_confidence,
+            min_tracking_confidence=min_confidence,
+        )
+
+    def detect(
+        self,
+        image_rgb: ImageRGB | None,
+        hand: Hand,
+        camera_id: str,
+        frame: int,
+        expected_px: FloatArray | None = None,
+    ) -> HandDetection | None:
+        """Return the hand of a square crop (S, S, 3), or None where no hand is found."""
+        image = _contiguous(image_rgb, camera_id, frame)
+        height, width = image.shape[:2]
+        size = (self._input_px, self._input_px * height // width)
+        result = self._hands.process(cv2.resize(image, size, interpolation=cv2.INTER_LINEAR))
+        center = np.array([(width - 1) / 2, (height - 1) / 2]) if expected_px is None else expected_px
+        return choose_hand(result, hand, width, height, center)
+
+
+def choose_hand(result: Any, hand: Hand, width_px: int, height_px: int, center_px: FloatArray) -> HandDetection | None:
+    """Return the hand of a MediaPipe result that is most likely the one looked for.
+
+    MediaPipe names hands as in a mirrored (selfie) picture, so its "Left" is a right hand of an ordinary image.
+
+    Args:
+        result: what ``Hands.process`` returns.
+        hand: which hand is looked for.
+        width_px: width of the image that the normalised landmarks refer to.
+        height_px: its height.
+        center_px: (2,) where the hand should be.
+    """
+    if not result.multi_hand_landmarks:
+        return None
+    mirrored = "Left" if hand == "right" else "Right"
+    candidates = []
+    for landmarks, handedness in zip(result.multi_hand_landmarks, result.multi_handedness, strict=True):
+        best = handedness.classification[0]
+        probability = best.score if best.label == mirrored else 1.0 - best.score
+        keypoints = landmarks_px(landmarks.landmark, width_px, height_px)
+        distance = np.linalg.norm(np.mean(keypoints, axis=0) - center_px) / max(width_px, height_px)
+        candidates.append((probability - distance, probability, from_wrist_first(keypoints)))
+    _, probability, keypoints = max(candidates, key=lambda candidate: candidate[0])
+    return HandDetection(*masked(keypoints, np.full(len(keypoints), probability)))
+
+
+def body_from_landmarks(landmarks: Any, width_px: int, height_px: int) -> tuple[FloatArray, FloatArray]:
+    """Return COCO-17 keypoints (17, 2) px and their visibility (17,) of BlazePose's 33 landmarks.
+
+    Landmarks outside the image are extrapolated by the model, not seen: they are missing.
+    """
+    keypoints = landmarks_px(landmarks, width_px, height_px)[list(COCO_FROM_BLAZEPOSE)]
+    visibility = np.array([landmarks[i].visibility for i in COCO_FROM_BLAZEPOSE], dtype=np.float64)
+    inside = ((keypoints >= -0.5) & (keypoints <= np.array([width_px, height_px]) - 0.5)).all(axis=-1)
+    return masked(keypoints, np.where(inside, visibility, 0.0))
+
+
+def landmarks_px(landmarks: Any, width_px: int, height_px: int) -> FloatArray:
+    """Return (n, 2) pixels of normalised landmarks; 0 is the image's left edge, at -0.5 px, and 1 its right edge."""
+    normalised = np.array([(landmark.x, landmark.y) for landmark in landmarks], dtype=np.float64)
+    pixels: FloatArray = normalised * np.array([width_px, height_px]) - 0.5
+    return pixels
+
+
+def paint_over(image_rgb: ImageRGB, keypoints_px: FloatArray) -> ImageRGB:
+    """Return a copy of the image with the limbs, trunk and head of a person painted in neutral grey.
+
+    Limb by limb rather than the whole box, so that a person who stands close remains visible.
+    """
+    painted = image_rgb.copy()
+    span = np.nanmax(keypoints_px, axis=0) - np.nanmin(keypoints_px, axis=0)
+    width = max(3, round(0.14 * float(np.linalg.norm(span))))
+    points = [None if np.isnan(point).any() else (round(point[0]), round(point[1])) for point in keypoints_px]
+    trunk = [points[i] for i in (5, 6, 12, 11) if points[i] is not None]
+    if len(trunk) > 2:
+        cv2.fillConvexPoly(painted, cv2.convexHull(np.array(trunk, dtype=np.int32)), _NEUTRAL_GRAY)
+    for child, parent in (*BODY_BONES, *_NECK_BONES):
+        if points[child] is not None and points[parent] is not None:
+            cv2.line(painted, points[child], points[parent], _NEUTRAL_GRAY, width)
+    for point in points:
+        if point is not None:
+            cv2.circle(painted, point, width, _NEUTRAL_GRAY, cv2.FILLED)
+    return painted
+
+
+def fingerprint(options: Mapping[str, Any]) -> dict[str, str]:
+    """Return mediapipe's version and the sha256 of the model files in its wheel."""
+    version = package_version("mediapipe", _INSTALL)
+    folder = Path(import_package("mediapipe", _INSTALL).__file__).parent
+    return {"mediapipe": version} | {file: digest_file(folder / file) for file in _MODEL_FILES}
+
+
+def _solution(name: str) -> Any:
+    # As quiet as it can be made from here: set before the C++ library is loaded.
+    os.environ.setdefault("GLOG_minloglevel", "3")
+    os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
+    warnings.filterwarnings("ignore", message="SymbolDatabase.GetPrototype", category=UserWarning)
+    import_package("mediapipe", _INSTALL)
+    return import_package(f"mediapipe.python.solutions.{name}", _INSTALL)
+
+
+def _contiguous(image_rgb: ImageRGB | None, camera_id: str, frame: int) -> ImageRGB:
+    if image_rgb is None or image_rgb.ndim != 3 or image_rgb.shape[2] != 3 or image_rgb.dtype != np.uint8:
+        got = "none" if image_rgb is None else f"{image_rgb.shape} {image_rgb.dtype}"
+        raise DetectorError(f"mediapipe needs an RGB image (H, W, 3) uint8 of {camera_id} frame {frame}, got {got}.")
+    return np.ascontiguousarray(image_rgb)
+
+
+def _is_elsewhere(keypoints_px: FloatArray, other_px: FloatArray) -> bool:
+    """Tell whether two persons differ by more than a tenth of their extent, in the median over their keypoints."""
+    distance = np.linalg.norm(keypoints_px - other_px, axis=-1)
+    extent = np.linalg.norm(np.nanmax(other_px, axis=0) - np.nanmin(other_px, axis=0))
+    both = np.isfinite(distance)
+    return not both.any() or bool(np.median(distance[both]) > 0.1 * extent)
