@@ -294,7 +294,7 @@ def _perspective(points: Doubles) -> Doubles:
 
 def _unit_rays(plane: Doubles) -> Doubles:
     rays = np.concatenate((plane, np.ones_like(plane[..., :1])), axis=-1)
-    return rays / np.linalg.norm(rays, axis=-1, keepdims=True)
+    return np.asarray(rays / np.linalg.norm(rays, axis=-1, keepdims=True))
 
 
 def _squared_norm(plane: Doubles) -> Doubles:
