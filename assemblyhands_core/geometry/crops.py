@@ -193,7 +193,7 @@ class RemapGrid:
         x = self.origin_px[0] + np.arange(0, columns - 1, 0.5) * self.step_px
         y = self.origin_px[1] + np.arange(0, rows - 1, 0.5) * self.step_px
         exact = source_pixels(source, target, np.stack(np.meshgrid(x, y), axis=-1))
-        error = np.linalg.norm(self._interpolate(x, y) - exact, axis=-1)
+        error = np.linalg.norm(np.moveaxis(self._interpolate(x, y), 0, -1) - exact, axis=-1)
         relevant = error[source.contains(exact)]
         return float(np.max(relevant, initial=0.0)) if np.isfinite(relevant).all() else float("inf")
 
@@ -206,9 +206,9 @@ class RemapGrid:
         fx, fy, cx, cy = self.intrinsics_px
         x = (np.arange(crop.width_px) - crop.cx_px) * (fx / crop.fx_px) + cx
         y = (np.arange(crop.height_px) - crop.cy_px) * (fy / crop.fy_px) + cy
-        pixels = self._interpolate(x, y)
-        pixels[np.isnan(pixels)] = _OUTSIDE_PX
-        return np.ascontiguousarray(pixels[..., 0]), np.ascontiguousarray(pixels[..., 1])
+        maps = self._interpolate(x, y)
+        maps[np.isnan(maps)] = _OUTSIDE_PX
+        return maps[0], maps[1]
 
     def to_bytes(self) -> bytes:
         """Serialise to the same bytes for the same grid, so that the grid can live in a table."""
@@ -231,15 +231,17 @@ class RemapGrid:
         return RemapGrid(nodes.astype(np.float32), float(header[2]), header[3:5].copy(), header[5:].copy())
 
     def _interpolate(self, x: Floats, y: Floats) -> npt.NDArray[np.float32]:
-        """Evaluate the map at ascending x `(W,)` and y `(H,)`: bilinear is separable on a straight grid."""
+        """Evaluate both maps `(2, H, W)` at ascending x `(W,)` and y `(H,)`: bilinear is separable on such a grid."""
         columns, x_weight = self._cells(x, axis=1)
         rows, y_weight = self._cells(y, axis=0)
         first_row, first_column = rows[0], columns[0]
-        nodes = self.source_px[first_row : rows[-1] + 2, first_column : columns[-1] + 2]
-        left, right = nodes[:, columns - first_column], nodes[:, columns - first_column + 1]
-        lines = left + (right - left) * x_weight[:, None]
-        above, below = lines[rows - first_row], lines[rows - first_row + 1]
-        return np.asarray(above + (below - above) * y_weight[:, None, None])
+        used = self.source_px[first_row : rows[-1] + 2, first_column : columns[-1] + 2]
+        nodes = np.ascontiguousarray(np.moveaxis(used, -1, 0))
+        lines = nodes.take(columns - first_column, axis=2)
+        lines += (nodes.take(columns - first_column + 1, axis=2) - lines) * x_weight
+        maps = lines.take(rows - first_row, axis=1)
+        maps += (lines.take(rows - first_row + 1, axis=1) - maps) * y_weight[:, None]
+        return maps
 
     def _cells(self, positions: Floats, axis: int) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float32]]:
         """Return the cell of each position and the place in it, NaN off the grid."""
