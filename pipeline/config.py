@@ -52,7 +52,7 @@ class RunConfig(_Model):
 
     seq: str
     target: str
-    manifest: str
+    manifest: str | None
     workspace: _PathField
     run: str
     rig: RigConfig

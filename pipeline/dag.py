@@ -52,7 +52,9 @@ class Dag:
         if name in self.nodes:
             raise ValueError(f"node {name} is added twice")
         if set(inputs) != set(stage.inputs):
-            raise ValueError(f"node {name}: stage {stage.name} has the roles {sorted(stage.inputs)}, not {sorted(inputs)}")
+            raise ValueError(
+                f"node {name}: stage {stage.name} has the roles {sorted(stage.inputs)}, not {sorted(inputs)}"
+            )
         for role, edge in inputs.items():
             self._check_edge(name, stage, role, edge)
         sources = {edge.split(".")[0] for edge in inputs.values() if edge != SOURCE_EDGE}

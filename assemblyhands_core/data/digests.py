@@ -3,16 +3,14 @@
 import hashlib
 import json
 import math
+import os
 from collections.abc import Mapping
-from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
-
-_BLOCK_BYTES = 1 << 20
 
 
 def canonical_json(value: Any) -> str:
@@ -47,18 +45,43 @@ def digest_table(table: pa.Table, blobs: tuple[str, ...] = ()) -> str:
 
 
 def digest_file(path: Path) -> str:
-    """Return the sha256 (hex) of a file's bytes; computed once per process and version of the file."""
-    stat = path.stat()
-    return _digest_file(str(path.resolve()), stat.st_size, stat.st_mtime_ns, stat.st_ino)
+    """Return the sha256 (hex) of a file's bytes."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-@cache
-def _digest_file(path: str, size: int, mtime_ns: int, inode: int) -> str:
-    digest = hashlib.sha256()
-    with Path(path).open("rb") as file:
-        while block := file.read(_BLOCK_BYTES):
-            digest.update(block)
-    return digest.hexdigest()
+class FileDigests:
+    """File digests, remembered between runs in a JSON file by path, size, time and inode.
+
+    Hashing a terabyte of video takes long; a file that still has the same size, time and inode is not read again.
+    """
+
+    def __init__(self, memory: Path) -> None:
+        self._memory = memory
+        self._known: dict[str, str] = _read_json(memory)
+
+    def __call__(self, path: Path) -> str:
+        """Return the sha256 (hex) of a file's bytes."""
+        stat = path.stat()
+        version = f"{path.resolve()}|{stat.st_size}|{stat.st_mtime_ns}|{stat.st_ino}"
+        if version not in self._known:
+            self._known[version] = digest_file(path)
+            self._save()
+        return self._known[version]
+
+    def _save(self) -> None:
+        self._memory.parent.mkdir(parents=True, exist_ok=True)
+        partial = self._memory.with_name(f".{self._memory.name}-{os.getpid()}")
+        partial.write_text(json.dumps(self._known, indent=0))
+        partial.rename(self._memory)
+
+
+def _read_json(path: Path) -> dict[str, str]:
+    try:
+        values = json.loads(path.read_text())
+    except (OSError, ValueError):
+        return {}
+    return values if isinstance(values, dict) else {}
 
 
 def _checked(value: Any, where: str) -> Any:

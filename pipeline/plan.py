@@ -1,0 +1,110 @@
+"""What a run would do, and why: every node and sequence is reused, run or waiting for something that runs."""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from assemblyhands_core.data.store import Store
+from pipeline.dag import Node
+from pipeline.history import History
+from pipeline.tasks import Result, Task, find_entry, key_parts
+from pipeline.work import SequenceWork
+
+
+@dataclass(frozen=True)
+class PlannedNode:
+    """The plan for one node of one sequence.
+
+    Attributes:
+        num_reused, num_to_run: shards; ``num_to_run`` is None while ingest has not told how many there are.
+        reason: why shards run, in a few words.
+        seconds: estimate of the work in one process, from earlier runs of the stage; None without any.
+    """
+
+    sequence_id: str
+    node: str
+    num_reused: int
+    num_to_run: int | None
+    reason: str
+    seconds: float | None
+
+
+def make_plan(works: Sequence[SequenceWork], store: Store, history: History) -> list[PlannedNode]:
+    """Settle every shard whose entry is in the store, and say of the others why they run."""
+    return [_plan_node(work, node, store, history) for work in works for node in work.nodes]
+
+
+def _plan_node(work: SequenceWork, node: Node, store: Store, history: History) -> PlannedNode:
+    name = work.recording.sequence_id
+    if node not in list(work.known_nodes()):
+        return PlannedNode(name, node.name, 0, None, "shards are known after ingest", None)
+    to_run: list[Task] = []
+    for task in work.tasks(node):
+        result = _find(work, task, store)
+        if result is None:
+            to_run.append(task)
+        else:
+            work.settle(result, store)
+    num_reused = len(work.shards(node)) - len(to_run)
+    reason = _why(work, to_run, store, history)
+    return PlannedNode(name, node.name, num_reused, len(to_run), reason, _estimate(node, len(to_run), history))
+
+
+def _find(work: SequenceWork, task: Task, store: Store) -> Result | None:
+    if _running_upstream(work, task):
+        return None
+    return find_entry(task, work.upstream(task), store)
+
+
+def _running_upstream(work: SequenceWork, task: Task) -> list[str]:
+    """Return the nodes whose results this task needs and that are not there yet."""
+    missing = []
+    for name in task.node.upstream:
+        shards = work.handles.get(name, {})
+        upstream_node = next(node for node in work.nodes if node.name == name)
+        wanted = [task.shard] if upstream_node.stage.shard == task.node.stage.shard else work.shards(upstream_node)
+        if not all(shard in shards for shard in wanted):
+            missing.append(name)
+    return missing
+
+
+def _why(work: SequenceWork, to_run: Sequence[Task], store: Store, history: History) -> str:
+    reasons = Counter(_why_task(work, task, store, history) for task in to_run)
+    return "; ".join(reason for reason, _ in reasons.most_common(2))
+
+
+def _why_task(work: SequenceWork, task: Task, store: Store, history: History) -> str:
+    if running := _running_upstream(work, task):
+        return f"{', '.join(running)} runs first"
+    old = history.last_record(task.node, task.shard, store)
+    if old is None:
+        return "not computed before"
+    differences = explain(old.parts, key_parts(task, work.upstream(task)))
+    return ", ".join(differences) or "its entry is gone"
+
+
+def explain(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
+    """Return what differs between two shards' key parts, e.g. ``max_reprojection_px 10.0 → 8.0``."""
+    found = [f"{part} {old[part]} → {new[part]}" for part in ("stage", "version") if old[part] != new[part]]
+    for part in ("config", "externals", "tables"):
+        before, after = old[part], new[part]
+        names = sorted(name for name in {**before, **after} if before.get(name) != after.get(name))
+        found += [f"{name} {_short(before.get(name, 'unset'))} → {_short(after.get(name, 'unset'))}" for name in names]
+    return found + [f"input {role} differs" for role in new["inputs"] if old["inputs"].get(role) != new["inputs"][role]]
+
+
+def _short(value: Any) -> str:
+    text = str(value)
+    return text if len(text) <= 24 else f"{text[:12]}…"
+
+
+def _estimate(node: Node, num_shards: int, history: History) -> float | None:
+    seconds = history.mean_seconds(node)
+    return None if seconds is None else seconds * num_shards
+
+
+def total_seconds(rows: Sequence[PlannedNode], num_workers: int) -> float | None:
+    """Return the estimated wall time of a plan, or None if a node that runs has no earlier timing."""
+    estimates = [row.seconds for row in rows if row.num_to_run != 0]
+    return None if None in estimates else sum(s for s in estimates if s is not None) / num_workers

@@ -1,0 +1,90 @@
+"""One sequence's share of a run: its tasks node by node, and the handles of those already under way."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from assemblyhands_core.data.catalog import CHUNKS
+from assemblyhands_core.data.store import Store
+from pipeline.config import RunConfig
+from pipeline.dag import Node
+from pipeline.recordings import Recording
+from pipeline.tasks import Result, Shard, Task
+
+Handle = Any  # a Result, or an executor's promise of one
+
+
+@dataclass
+class SequenceWork:
+    """The tasks of one sequence.
+
+    Attributes:
+        chunk_frames: frames in each chunk, once ingest has told; None before.
+        is_cut: whether ingest has told or failed, so that every shard is known.
+        handles: node → shard → its result, or the promise of it.
+    """
+
+    config: RunConfig
+    recording: Recording
+    sources: tuple[Mapping[str, str], ...]
+    nodes: Sequence[Node]
+    logs: Path
+    num_threads: int = 1
+    chunk_frames: list[int] | None = None
+    is_cut: bool = False
+    handles: dict[str, dict[Shard, Handle]] = field(default_factory=dict)
+
+    def known_nodes(self) -> Iterator[Node]:
+        """Yield the nodes whose shards are known by now."""
+        for node in self.nodes:
+            if self.is_cut or (node.stage.shard == "sequence" and not self._waits_for_chunks(node)):
+                yield node
+
+    def tasks(self, node: Node) -> list[Task]:
+        """Return a known node's tasks."""
+        return [self._task(node, shard) for shard in self.shards(node)]
+
+    def shards(self, node: Node) -> list[Shard]:
+        """Return a known node's shards; where cutting failed, one that stands for them all."""
+        name = self.recording.sequence_id
+        if node.stage.shard == "sequence" or self.chunk_frames is None:
+            return [Shard(name)]
+        return [Shard(name, chunk) for chunk in range(len(self.chunk_frames))]
+
+    def upstream(self, task: Task) -> dict[str, list[Handle]]:
+        """Return the handles that a task reads from: its own chunk's, or all of them."""
+        return {name: self._matching(self.handles[name], task.shard) for name in task.node.upstream}
+
+    def num_frames(self, shard: Shard) -> int:
+        """Return the number of frames that a shard covers, 0 while unknown."""
+        frames = self.chunk_frames or []
+        return sum(frames) if shard.chunk is None else frames[shard.chunk]
+
+    def settle(self, result: Result, store: Store) -> bool:
+        """Note a result; return whether it told how the sequence is cut."""
+        self.handles.setdefault(result.node, {})[result.shard] = result
+        node, output = self.config.dag.chunk_edge.split(".")
+        if result.node != node:
+            return False
+        if result.has_entry:
+            record = store.find(self.config.dag.nodes[node].stage.name, result.key)
+            assert record is not None
+            self.chunk_frames = store.read(record, output, CHUNKS).column("num_frames").to_pylist()
+        self.is_cut = True
+        return True
+
+    def _waits_for_chunks(self, node: Node) -> bool:
+        return any(self.config.dag.nodes[name].stage.shard == "chunk" or self._waits_for_chunks(self.config.dag.nodes[name])
+                   for name in node.upstream)  # fmt: skip
+
+    def _matching(self, handles: Mapping[Shard, Handle], shard: Shard) -> list[Handle]:
+        whole = Shard(shard.sequence_id)
+        if shard.chunk is None:
+            return list(handles.values())
+        return [handles[shard if shard in handles else whole]]
+
+    def _task(self, node: Node, shard: Shard) -> Task:
+        config = self.config.stage_config(node.stage.name)
+        log = self.logs / f"{node.name}-{shard}.log"
+        return Task(node, shard, config, self.sources, self.config.workspace, log, self.num_threads)
