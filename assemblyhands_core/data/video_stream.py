@@ -1,0 +1,225 @@
+"""Packets, timestamps and seeking: what `video` needs to know about a stream to be frame-exact.
+
+Sources: FFmpeg's API documentation (AVPacket, av_seek_frame); everything else is measured in `tests/data/test_video.py`.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from itertools import chain, islice
+from pathlib import Path
+from typing import Any, Literal
+
+import av
+import numpy as np
+from numpy.typing import NDArray
+
+VideoReason = Literal[
+    "missing_file",
+    "not_a_video",
+    "no_frames",
+    "irregular_timestamps",
+    "undecodable_frame",
+    "truncated_file",
+    "frame_out_of_range",
+    "unwritable_file",
+]
+_MAX_REORDERING = 32  # packets; H.264 and HEVC reorder over at most 16 frames
+
+
+class VideoError(ValueError):
+    """A video, or one of its frames, cannot be read or written.
+
+    Attributes:
+        reason: one of `VideoReason`, for counting.
+        path: the video file.
+        frame: index of the first frame concerned, None where the whole file is.
+    """
+
+    def __init__(self, message: str, reason: VideoReason, path: str, frame: int | None = None) -> None:
+        super().__init__(message, reason, path, frame)  # all arguments, so that the error survives pickling
+        self.reason, self.path, self.frame = reason, path, frame
+
+    def __str__(self) -> str:
+        return str(self.args[0])
+
+
+@dataclass(frozen=True, eq=False)
+class Timeline:
+    """Presentation timestamps of the frames of a stream.
+
+    Attributes:
+        pts: int64 `(N,)`, ascending, in ticks of the stream's time base.
+        is_truncated: whether packets are missing or cut off at the end of the file.
+    """
+
+    pts: NDArray[np.int64]
+    is_truncated: bool
+
+    def index(self, pts: int | None) -> int | None:
+        """Frame index of a timestamp; None where the stream has no such frame."""
+        if pts is None:
+            return None
+        index = int(np.searchsorted(self.pts, pts))
+        return index if index < len(self.pts) and self.pts[index] == pts else None
+
+
+@contextmanager
+def opened(path: Path, threads: int = 1) -> Iterator[tuple[Any, Any]]:
+    """Open a file for reading: its container and its main video stream.
+
+    Raises:
+        VideoError: `missing_file` or `not_a_video`.
+    """
+    if not path.is_file():
+        raise VideoError(f"{path}: no such file; check the path or the pattern of rig.videos", "missing_file", str(path))
+    try:
+        # A playlist must not make us read other files or the network.
+        container = av.open(str(path.resolve()), options={"protocol_whitelist": "file"})
+    except (av.error.FFmpegError, OSError, ValueError) as error:
+        raise _not_a_video(path, str(getattr(error, "strerror", error)).lower()) from error
+    with container:
+        stream = container.streams.best("video")
+        if stream is None or stream.codec_context is None:
+            raise _not_a_video(path, "no video stream that this FFmpeg can decode")
+        stream.codec_context.thread_count = threads
+        stream.codec_context.thread_type = "AUTO" if threads > 1 else "NONE"
+        yield container, stream
+
+
+def _not_a_video(path: Path, cause: str) -> VideoError:
+    text = f"{path}: cannot be opened as video ({cause}); copy it again or re-encode it, or leave this view out"
+    return VideoError(text, "not_a_video", str(path))
+
+
+def read_timeline(path: Path, container: Any, stream: Any, use_header: bool) -> Timeline:
+    """Timestamps of all frames, from the container's sample table where that settles them, else from every packet.
+
+    Args:
+        use_header: accept a complete sample table of constant rate (MP4, MOV) instead of reading the whole file.
+
+    Raises:
+        VideoError: `no_frames`, or `irregular_timestamps` where the container stores none.
+    """
+    timeline = _timeline_of_sample_table(path, container, stream) if use_header else None
+    if timeline is None:
+        container.seek(0, backward=True)
+        timeline = _timeline_of_packets(path, container, stream)
+    if len(timeline.pts) == 0:
+        raise VideoError(f"{path}: holds no video frame; record or copy it again", "no_frames", str(path))
+    return timeline
+
+
+def _timeline_of_sample_table(path: Path, container: Any, stream: Any) -> Timeline | None:
+    entries = list(stream.index_entries)
+    if len(entries) < 2 or len(entries) != stream.frames or any(entry.is_discard for entry in entries):
+        return None
+    gaps = np.diff([entry.timestamp for entry in entries])
+    is_complete = entries[-1].pos + entries[-1].size <= path.stat().st_size
+    head = [packet.pts for packet in islice(_packets(container, stream), _MAX_REORDERING)]
+    # The table is in decoding order; at constant rate presentation is the same row of ticks, begun at the key frame.
+    if not is_complete or not head or None in head or head[0] != min(head) or gaps.min() != gaps.max():
+        return None
+    return Timeline(head[0] + np.arange(len(entries), dtype=np.int64) * int(gaps[0]), is_truncated=False)
+
+
+def _timeline_of_packets(path: Path, container: Any, stream: Any) -> Timeline:
+    pts: list[int] = []
+    first_key, is_truncated = None, False
+    for packet in _packets(container, stream):
+        if packet.pts is None:
+            text = f"{path}: has packets without timestamps; remux it (ffmpeg -i IN -c copy OUT.mp4)"
+            raise VideoError(text, "irregular_timestamps", str(path))
+        is_truncated = packet.is_corrupt
+        if first_key is None and packet.is_keyframe:
+            first_key = packet.pts
+        if not packet.is_corrupt and not packet.is_discard:
+            pts.append(packet.pts)
+    # Pictures shown before the first key frame refer to one that was cut away: no decoder can make them.
+    shown = np.unique(np.array([p for p in pts if first_key is not None and p >= first_key], dtype=np.int64))
+    return Timeline(shown, is_truncated)
+
+
+def _packets(container: Any, stream: Any) -> Iterator[Any]:
+    """Packets of the stream in decoding order; ends quietly where the file breaks off."""
+    try:
+        yield from (packet for packet in container.demux(stream) if packet.size)
+    except av.error.FFmpegError:
+        return
+
+
+def decoded_from(container: Any, stream: Any, pts: int) -> Iterator[Any]:
+    """Decode from the key frame at or before a timestamp, in presentation order.
+
+    Frames that depend on a lost packet are left out up to the next key frame, because the decoder would only guess them.
+
+    Yields:
+        `av.VideoFrame`s with timestamps from `pts` on.
+    """
+    start = pts
+    for is_last_try in (False, True):
+        packets = _packets_from_key(container, stream, start)
+        key = next(packets, None)
+        if key is None:
+            return
+        frames = (frame for frame in _decoded(stream, chain([key], packets)) if frame.pts >= pts)
+        first = next(frames, None)
+        if first is not None and (first.pts == pts or is_last_try):
+            yield first
+            yield from frames
+            return
+        # With periodic intra refresh a "key frame" only begins a recovery: the one before it then gives the picture.
+        start = key.pts - 1
+
+
+def _packets_from_key(container: Any, stream: Any, pts: int) -> Iterator[Any]:
+    """Packets from the last key frame shown at or before `pts`.
+
+    Demuxers may seek by decoding time: they then stop at a key frame shown *after* `pts` (open GOP), from which the
+    wanted frame would decode to garbage. So the key frame's own timestamp is checked, and if need be we go further back.
+    """
+    step = max(1, round(1 / stream.time_base))
+    origin = stream.start_time or 0
+    target = pts
+    while True:
+        container.seek(target, stream=stream, backward=True)
+        packets = _packets(container, stream)
+        key = next((packet for packet in packets if packet.is_keyframe), None)
+        if key is not None and (key.pts <= pts or target < origin):
+            return chain([key], packets)
+        if target < origin:
+            return iter(())
+        target, step = target - step, 2 * step
+
+
+def _decoded(stream: Any, packets: Iterator[Any]) -> Iterator[Any]:
+    decoder = stream.codec_context
+    in_flight: deque[int | None] = deque(maxlen=max(1, decoder.thread_count))  # a threaded decoder reports errors late
+    distrusted: set[int | None] = set()
+    is_broken = False
+    for packet in packets:
+        is_broken = packet.is_corrupt or (is_broken and not packet.is_keyframe)
+        in_flight.append(packet.pts)
+        try:
+            frames = [] if packet.is_corrupt else decoder.decode(packet)
+        except av.error.FFmpegError:
+            is_broken, frames = True, []
+            distrusted.update(in_flight)
+        if is_broken:
+            distrusted.add(packet.pts)
+        yield from (frame for frame in frames if _is_sound(frame, distrusted))
+    yield from (frame for frame in _flushed(decoder) if _is_sound(frame, distrusted))
+
+
+def _is_sound(frame: Any, distrusted: set[int | None]) -> bool:
+    return frame.pts is not None and frame.pts not in distrusted and not frame.is_corrupt
+
+
+def _flushed(decoder: Any) -> list[Any]:
+    try:
+        return list(decoder.decode(None))
+    except av.error.FFmpegError:
+        return []
