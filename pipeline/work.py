@@ -75,8 +75,8 @@ class SequenceWork:
         return True
 
     def _waits_for_chunks(self, node: Node) -> bool:
-        return any(self.config.dag.nodes[name].stage.shard == "chunk" or self._waits_for_chunks(self.config.dag.nodes[name])
-                   for name in node.upstream)  # fmt: skip
+        upstream = [self.config.dag.nodes[name] for name in node.upstream]
+        return any(other.stage.shard == "chunk" or self._waits_for_chunks(other) for other in upstream)
 
     def _matching(self, handles: Mapping[Shard, Handle], shard: Shard) -> list[Handle]:
         whole = Shard(shard.sequence_id)

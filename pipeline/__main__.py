@@ -1,0 +1,95 @@
+"""``python -m pipeline [annotate|doctor|plan|gc] [parameter=value …]``: Hydra composes, the engine runs."""
+
+import shlex
+import sys
+from pathlib import Path
+
+import hydra
+from hydra.errors import HydraException
+from omegaconf import DictConfig
+from omegaconf.errors import OmegaConfBaseException
+
+from pipeline.config import CONF_FOLDER, UserError, check_config, unknown_key_message
+from pipeline.dag import TARGETS
+
+_COMMANDS = ("run", "plan", "gc")
+_USAGE = """usage: python -m pipeline [COMMAND] [parameter=value ...]
+
+commands
+  annotate   video in, 3D hand joints out (the default): what is there already is reused
+  doctor     look a recording over before hours are spent on it
+  plan       say what would run, what is reused, and why; changes nothing
+  gc         remove results that none of the newest runs refers to
+
+often used parameters
+  seq=NAME               a sequence of the manifest; names with commas, a glob, or all
+  rig.calibration=PATH   with rig.videos='GLOB' and seq=NAME: a rig of your own
+  target=NAME            a node or target to stop at
+  executor=serial        everything in this process, for debuggers (default: local)
+  triangulate.max_reprojection_px=8    any parameter of a stage; --cfg job prints them all
+  -m PARAMETER=A,B       a sweep; shared work is done once
+
+Results: work/runs/latest/<node>/<table>/*.parquet; in Python: assemblyhands_core.data.store.load("round_0")
+"""
+
+
+def main() -> int:
+    """Run the command line; return the exit code: 0 done, 1 some shards failed, 2 a mistake in the request."""
+    arguments = sys.argv[1:]
+    if arguments[:1] in (["-h"], ["--help"], ["help"]):
+        print(_USAGE)
+        return 0
+    command, overrides = _split_command(arguments)
+    if not {"--cfg", "-c"} & set(overrides):
+        _check_overrides([argument for argument in overrides if not argument.startswith("-")])
+    code = 0
+
+    @hydra.main(version_base="1.3", config_path=str(CONF_FOLDER), config_name="config")
+    def job(composed: DictConfig) -> None:
+        nonlocal code
+        from pipeline.commands import execute
+
+        code = max(code, execute(command, check_config(composed), shlex.join(["python", "-m", "pipeline", *arguments])))
+
+    sys.argv = [sys.argv[0], *overrides]
+    job()
+    return code
+
+
+def _split_command(arguments: list[str]) -> tuple[str, list[str]]:
+    """Return the command and the overrides; a target's name stands for running it."""
+    if not arguments or "=" in arguments[0] or arguments[0].startswith("-"):
+        return "run", arguments
+    first, rest = arguments[0], arguments[1:]
+    if first in _COMMANDS:
+        return first, rest
+    if first in TARGETS:
+        return "run", [f"target={first}", *rest]
+    raise UserError(f"there is no command {first}; choose among {', '.join(dict.fromkeys([*TARGETS, *_COMMANDS[1:]]))}")
+
+
+def _check_overrides(overrides: list[str]) -> None:
+    """Refuse a mistake in the overrides with a sentence, before Hydra takes over."""
+    with hydra.initialize_config_dir(str(CONF_FOLDER), version_base="1.3"):
+        plain = hydra.compose("config")
+        if message := unknown_key_message(overrides, plain):
+            raise UserError(message)
+
+
+def _entry() -> int:
+    try:
+        return main()
+    except (UserError, HydraException, OmegaConfBaseException) as error:
+        print(f"error: {str(error).strip()}", file=sys.stderr)
+    except OSError as error:
+        place = f" ({error.filename})" if error.filename else ""
+        print(f"error: {error.strerror or error}{place}; nothing that was finished is lost", file=sys.stderr)
+    except KeyboardInterrupt:
+        print("interrupted: what was finished is kept; the same command goes on from there", file=sys.stderr)
+        return 130
+    return 2
+
+
+if __name__ == "__main__":
+    sys.path.insert(0, str(Path.cwd()))
+    sys.exit(_entry())

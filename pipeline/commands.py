@@ -1,0 +1,123 @@
+"""What the command line's verbs do."""
+
+import fcntl
+import os
+import time
+import uuid
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from rich.console import Console
+
+from assemblyhands_core.data.digests import FileDigests
+from assemblyhands_core.data.store import Store
+from pipeline import summary
+from pipeline.config import RunConfig, UserError
+from pipeline.dag import TARGETS
+from pipeline.executors import open_executor, resolve_workers
+from pipeline.garbage import find_garbage
+from pipeline.history import History
+from pipeline.plan import PlannedNode, make_plan, total_seconds
+from pipeline.progress import Progress
+from pipeline.recordings import select_recordings
+from pipeline.runner import Runner, results
+from pipeline.tasks import Result
+from pipeline.view import write_view
+from pipeline.work import SequenceWork
+
+_MAX_REPAIRS = 3
+
+
+def execute(command: str, config: RunConfig, command_line: str) -> int:
+    """Carry out one command; return the exit code."""
+    console = Console()
+    config = config.model_copy(update={"workspace": config.workspace.absolute()})
+    if command == "plan":
+        return _plan(config, console)
+    if command == "gc":
+        return _collect_garbage(config, console)
+    return _run(config, console, command_line)
+
+
+def _plan(config: RunConfig, console: Console) -> int:
+    works = _works(config, "plan")
+    rows = make_plan(works, Store(config.workspace), History(config.workspace))
+    summary.print_plan(console, rows, total_seconds(rows, resolve_workers(config.executor)[0]))
+    return 0
+
+
+def _run(config: RunConfig, console: Console, command_line: str) -> int:
+    started = time.monotonic()
+    run = config.run or time.strftime("%Y%m%d-%H%M%S")
+    with _lock(config.workspace, exclusive=False):
+        found = _run_until_whole(config, run, console)
+        folder = write_view(config, run, found, command_line)
+    summary.print_audit(console, folder)
+    summary.print_quality(console, folder)
+    summary.print_times(console, found, started)
+    console.print(f"results: {folder}", markup=False, highlight=False, soft_wrap=True)
+    if all(result.has_entry for result in found):
+        return 0
+    summary.print_failures(console, found, _logs(config, run))
+    return 1
+
+
+def _run_until_whole(config: RunConfig, run: str, console: Console) -> list[Result]:
+    """Run; again where a damaged entry of the store was found and set aside meanwhile."""
+    for _ in range(_MAX_REPAIRS):
+        works = _works(config, run)
+        rows = make_plan(works, Store(config.workspace), History(config.workspace))
+        if any(row.num_to_run != 0 for row in rows):
+            _execute(config, works, rows, console)
+        if not any(result.is_repairable for result in results(works)):
+            break
+        console.print("the store had damaged entries; they were set aside and are made anew")
+    return results(works)
+
+
+def _execute(config: RunConfig, works: list[SequenceWork], rows: list[PlannedNode], console: Console) -> None:
+    """Run what the plan has not settled."""
+    with open_executor(config.executor, uuid.uuid4().hex[:8]) as executor, Progress(console) as progress:
+        Runner(works, executor, Store(config.workspace), progress).run()
+
+
+def _collect_garbage(config: RunConfig, console: Console) -> int:
+    with _lock(config.workspace, exclusive=True):
+        garbage = find_garbage(config.workspace, config.gc)
+        counts = f"{len(garbage.runs)} runs, {len(garbage.entries)} entries, {len(garbage.leftovers)} leftovers"
+        console.print(
+            f"{'would remove' if config.gc.dry_run else 'removed'} {counts}: {garbage.num_bytes / 1e6:.1f} MB"
+        )
+        if not config.gc.dry_run:
+            garbage.remove()
+    return 0
+
+
+def _works(config: RunConfig, run: str) -> list[SequenceWork]:
+    digests = FileDigests(config.workspace / "file-digests.json")
+    nodes = config.dag.upto(TARGETS.get(config.target, (config.target,)))
+    threads = resolve_workers(config.executor)[1]
+    return [
+        SequenceWork(config, recording, recording.source_rows(digests), nodes, _logs(config, run), threads)
+        for recording in select_recordings(config)
+    ]
+
+
+def _logs(config: RunConfig, run: str) -> Path:
+    return config.workspace / "logs" / run
+
+
+@contextmanager
+def _lock(workspace: Path, *, exclusive: bool) -> Iterator[None]:
+    """Hold the workspace: any number of runs at once, or one ``gc``. The lock falls with the process."""
+    workspace.mkdir(parents=True, exist_ok=True)
+    descriptor = os.open(workspace / ".lock", os.O_RDWR | os.O_CREAT)
+    try:
+        fcntl.flock(descriptor, (fcntl.LOCK_EX if exclusive else fcntl.LOCK_SH) | fcntl.LOCK_NB)
+        yield
+    except BlockingIOError:
+        other = "a run is" if exclusive else "gc is"
+        raise UserError(f"{other} at work in {workspace}; try again when it has ended") from None
+    finally:
+        os.close(descriptor)

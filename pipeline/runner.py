@@ -1,0 +1,46 @@
+"""Execute a plan: submit what is missing as soon as it is known, take results as they come."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from assemblyhands_core.data.store import Store
+from pipeline.executors import Executor
+from pipeline.progress import Progress
+from pipeline.tasks import Result
+from pipeline.work import SequenceWork
+
+
+@dataclass
+class Runner:
+    """Runs the tasks of all sequences side by side; there is no barrier between nodes or sequences."""
+
+    works: Sequence[SequenceWork]
+    executor: Executor
+    store: Store
+    progress: Progress
+
+    def run(self) -> None:
+        """Run until every task of every sequence has a result in its work's handles."""
+        by_name = {work.recording.sequence_id: work for work in self.works}
+        for work in self.works:
+            self._submit_known(work)
+        for result in self.executor.completed():
+            work = by_name[result.shard.sequence_id]
+            self.progress.note(work, result)
+            if work.settle(result, self.store):
+                self._submit_known(work)
+
+    def _submit_known(self, work: SequenceWork) -> None:
+        for node in work.known_nodes():
+            under_way = work.handles.setdefault(node.name, {})
+            tasks = work.tasks(node)
+            self.progress.expect(work, node, len(tasks), under_way.values())
+            for task in tasks:
+                if task.shard not in under_way:
+                    under_way[task.shard] = self.executor.submit(task, work.upstream(task))
+
+
+def results(works: Sequence[SequenceWork]) -> list[Result]:
+    """Return the results of all shards, in the order of sequences and nodes."""
+    handles = [work.handles.get(node.name, {}) for work in works for node in work.nodes]
+    return [handle for shards in handles for handle in shards.values() if isinstance(handle, Result)]

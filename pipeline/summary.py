@@ -1,0 +1,89 @@
+"""What a run says at its end, and what ``plan`` and ``doctor`` print."""
+
+import time
+from collections import defaultdict
+from collections.abc import Sequence
+from pathlib import Path
+
+import pyarrow.parquet as pq
+from rich.console import Console
+from rich.table import Table
+
+from pipeline.plan import PlannedNode
+from pipeline.tasks import Result
+from pipeline.view import node_digest
+
+_LEVEL_STYLES = {"ok": "green", "warning": "yellow", "error": "red"}
+
+
+def print_plan(console: Console, rows: Sequence[PlannedNode], seconds: float | None) -> None:
+    """Print what runs, what is reused, and why."""
+    table = Table("sequence", "node", "reuse", "run", "why", "estimate", title="plan", title_justify="left")
+    for row in rows:
+        to_run = "?" if row.num_to_run is None else str(row.num_to_run)
+        estimate = "" if row.seconds is None or row.num_to_run == 0 else _duration(row.seconds)
+        table.add_row(row.sequence_id, row.node, str(row.num_reused), to_run, row.reason, estimate)
+    console.print(table)
+    if all(row.num_to_run == 0 for row in rows):
+        console.print("nothing to do: everything is reused")
+    elif seconds is not None:
+        console.print(f"estimated time: {_duration(seconds)}")
+
+
+def print_failures(console: Console, results: Sequence[Result], logs: Path) -> None:
+    """Print a table of what failed, and what could not run because of it."""
+    table = Table("node", "shard", "status", "reason", title="not finished", title_justify="left")
+    for result in (r for r in results if not r.has_entry):
+        table.add_row(result.node, str(result.shard), result.status, result.error)
+    console.print(table)
+    console.print(f"everything else is done and kept; logs: {logs}. Run the same command again after the remedy.")
+
+
+def print_times(console: Console, results: Sequence[Result], started: float) -> None:
+    """Print shards, time and content digest of each node."""
+    table = Table("node", "shards", "reused", "work", "content digest", title="time by node", title_justify="left")
+    by_node: dict[str, list[Result]] = defaultdict(list)
+    for result in results:
+        by_node[result.node].append(result)
+    for node, shards in by_node.items():
+        reused = sum(result.status == "reused" for result in shards)
+        seconds = sum(result.seconds for result in shards if result.status == "done")
+        digest = node_digest(results, node)[:16]
+        table.add_row(node, str(len(shards)), str(reused), _duration(seconds) if seconds else "", digest)
+    console.print(table)
+    console.print(f"engine time: {time.monotonic() - started:.1f} s")
+
+
+def print_quality(console: Console, run: Path) -> None:
+    """Print the tables that the node ``quality`` made."""
+    for path in sorted((run / "quality" / "quality").glob("*.parquet")):
+        frame = pq.read_table(path.resolve()).to_pandas()
+        for name, rows in frame.groupby("table", sort=False):
+            wide = rows.pivot_table(index="row", columns="metric", values="value", sort=False, dropna=False)
+            table = Table(str(name), *map(str, wide.columns), title=path.stem, title_justify="left")
+            for row, values in wide.iterrows():
+                table.add_row(str(row), *("" if value != value else f"{value:.4g}" for value in values))
+            console.print(table)
+    for path in sorted((run / "detect_hands" / "followed").glob("*.parquet")):
+        for note in pq.read_table(path.resolve()).column("note").to_pylist():
+            console.print(f"{path.stem}: {note}", markup=False, highlight=False)
+    for path in sorted((run / "overlay" / "overlays").glob("*.parquet")):
+        real = path.resolve()
+        for name in pq.read_table(real).column("overlay_file").to_pylist():
+            console.print(f"picture: {real.parent / name}", markup=False, highlight=False, soft_wrap=True)
+
+
+def print_audit(console: Console, run: Path) -> None:
+    """Print what ``doctor`` found in each recording."""
+    for path in sorted((run / "audit" / "audit").glob("*.parquet")):
+        table = Table("check", "camera", "level", "finding", title=path.stem, title_justify="left")
+        for row in pq.read_table(path.resolve()).to_pylist():
+            style = _LEVEL_STYLES[row["level"]]
+            table.add_row(row["check"], row["camera_id"], f"[{style}]{row['level']}[/]", row["note"])
+        console.print(table)
+
+
+def _duration(seconds: float) -> str:
+    minutes, rest = divmod(seconds, 60)
+    hours, minutes = divmod(int(minutes), 60)
+    return f"{hours} h {minutes} min" if hours else f"{minutes} min {rest:.0f} s" if minutes else f"{rest:.1f} s"
