@@ -5,16 +5,23 @@ of the frames nor the number of workers can change it. Missing keypoints are NaN
 """
 
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Final, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
-from assemblyhands_core.hands.body import NUM_BODY_KEYPOINTS
+from assemblyhands_core.hands.body import BODY_KEYPOINT_NAMES, NUM_BODY_KEYPOINTS
 from assemblyhands_core.hands.joints import NUM_JOINTS, WRIST_FIRST_ORDER, Hand
 
 FloatArray = npt.NDArray[np.float64]
 ImageRGB = npt.NDArray[np.uint8]
+
+_OTHER_SIDE: Final = {"left": "right", "right": "left"}
+# Each body keypoint's counterpart of the other side: what is left to exchange where a detector took a back for a front.
+BODY_MIRROR: Final = tuple(
+    BODY_KEYPOINT_NAMES.index("_".join(_OTHER_SIDE.get(part, part) for part in name.split("_")))
+    for name in BODY_KEYPOINT_NAMES
+)
 
 
 class DetectorError(ValueError):
