@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from assemblyhands_core.geometry.cameras import Camera
-from assemblyhands_core.geometry.hypotheses import score_hypotheses
+from assemblyhands_core.geometry.person_hypotheses import score_hypotheses
 
 Floats = npt.NDArray[np.floating]
 Ints = npt.NDArray[np.int64]
