@@ -69,13 +69,10 @@ def probe(path: Path | str) -> VideoInfo:
         tick_s = Fraction(stream.time_base)
         nominal_hz = Fraction(stream.average_rate or stream.guessed_rate or 0)
         num_frames_header, codec = int(stream.frames), str(stream.codec_context.name)
-        promised_s = float((stream.duration or 0) * tick_s)
         frame = next(decoded_from(container, stream, int(timeline.pts[0])), None)
     if frame is None or frame.pts != timeline.pts[0]:
         raise _undecodable(path, 0, is_at_end=frame is None)
     gap_s = _mean_gap_s(timeline.pts, tick_s, nominal_hz)
-    duration_s = float(len(timeline.pts) * gap_s)
-    is_short = num_frames_header > len(timeline.pts) or promised_s > duration_s + 3 * float(gap_s)
     width_px, height_px = _shown_size(frame.width, frame.height, frame.rotation)
     return VideoInfo(
         width_px=width_px,
@@ -87,9 +84,9 @@ def probe(path: Path | str) -> VideoInfo:
         codec=codec,
         pixel_format=str(frame.format.name),
         start_s=float(int(timeline.pts[0]) * tick_s),
-        duration_s=duration_s,
+        duration_s=float(len(timeline.pts) * gap_s),
         rotation_deg=frame.rotation % 360,
-        is_truncated=timeline.is_truncated or is_short,
+        is_truncated=timeline.is_truncated,
     )
 
 
@@ -157,8 +154,8 @@ class VideoReader:
             count: how many frames to deliver.
             step: distance between them; the frames between are decoded but not converted.
             max_side_px: scale down (area averaging) so that the longer side has at most so many pixels; see `size_px`.
-            on_missing: `raise` at a frame that cannot be decoded, after those before it were delivered; `skip` leaves
-                such frames out (damaged data, up to the next key frame; the missing end of a truncated file).
+            on_missing: `raise` at a frame that cannot be had, after those before it were delivered; `skip` leaves such
+                frames out (damaged data up to the next key frame, the missing end of a truncated file).
 
         Yields:
             Frame index and its picture, RGB uint8 `(height, width, 3)`.
@@ -191,7 +188,7 @@ class VideoReader:
                         break
         if expected is not None and not may_skip:
             raise _undecodable(self.path, expected, is_at_end=True)
-        if len(wanted) and wanted[-1] >= self.num_frames:
+        if not may_skip and len(wanted) and wanted[-1] >= self.num_frames:
             raise self._out_of_range(wanted)
 
     def _index(self, pts: int, expected: int) -> int:
@@ -247,11 +244,8 @@ class VideoWriter:
         self.path, self.width_px, self.height_px, self.num_frames = Path(path), width_px, height_px, 0
         rate = Fraction(rate_hz).limit_denominator(1001)
         if width_px < 1 or height_px < 1 or rate <= 0:
-            raise ValueError(f"{path}: a video of {width_px}×{height_px} px at {rate_hz} Hz cannot be written")
-        try:
-            self._container = av.open(str(self.path), "w", format="mp4", options={"movflags": "+faststart"})
-        except (av.error.FFmpegError, OSError) as error:
-            raise self._unwritable(error) from error
+            raise ValueError(f"{path}: a video of {width_px} x {height_px} px at {rate_hz} Hz cannot be written")
+        self._container = av.open(str(self.path), "w", format="mp4", options={"movflags": "+faststart"})
         # One thread: x264's output depends on how many there are. No creation time is stored unless asked for.
         options = {"crf": str(crf), "preset": "veryfast", "threads": "1"}
         self._stream: Any = self._container.add_stream("libx264", rate=rate, options=options)
@@ -259,6 +253,10 @@ class VideoWriter:
         self._stream.pix_fmt = "yuv420p"
         self._stream.codec_context.colorspace = Colorspace.ITU601  # what the conversion from RGB uses, so say it
         self._stream.codec_context.color_range = ColorRange.MPEG
+        try:
+            self._container.start_encoding()
+        except (av.error.FFmpegError, OSError) as error:
+            raise self._unwritable(error) from error
 
     def write(self, picture: NDArray[np.uint8]) -> None:
         """Append one picture, RGB uint8 `(height, width, 3)`.

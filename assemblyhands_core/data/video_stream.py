@@ -1,6 +1,6 @@
 """Packets, timestamps and seeking: what `video` needs to know about a stream to be frame-exact.
 
-Sources: FFmpeg's API documentation (AVPacket, av_seek_frame); everything else is measured in `tests/data/test_video.py`.
+Sources: FFmpeg's API documentation (AVPacket, av_seek_frame); all claims are measured in `tests/data/test_video.py`.
 """
 
 from __future__ import annotations
@@ -75,10 +75,14 @@ def opened(path: Path, threads: int = 1) -> Iterator[tuple[Any, Any]]:
         VideoError: `missing_file` or `not_a_video`.
     """
     if not path.is_file():
-        raise VideoError(f"{path}: no such file; check the path or the pattern of rig.videos", "missing_file", str(path))
+        raise VideoError(
+            f"{path}: no such file; check the path or the pattern of rig.videos", "missing_file", str(path)
+        )
     try:
         # A playlist must not make us read other files or the network.
         container = av.open(str(path.resolve()), options={"protocol_whitelist": "file"})
+    except av.error.EOFError as error:
+        raise _no_frames(path) from error
     except (av.error.FFmpegError, OSError, ValueError) as error:
         raise _not_a_video(path, str(getattr(error, "strerror", error)).lower()) from error
     with container:
@@ -95,6 +99,10 @@ def _not_a_video(path: Path, cause: str) -> VideoError:
     return VideoError(text, "not_a_video", str(path))
 
 
+def _no_frames(path: Path) -> VideoError:
+    return VideoError(f"{path}: holds no video frame; record or copy it again", "no_frames", str(path))
+
+
 def read_timeline(path: Path, container: Any, stream: Any, use_header: bool) -> Timeline:
     """Timestamps of all frames, from the container's sample table where that settles them, else from every packet.
 
@@ -109,7 +117,7 @@ def read_timeline(path: Path, container: Any, stream: Any, use_header: bool) -> 
         container.seek(0, backward=True)
         timeline = _timeline_of_packets(path, container, stream)
     if len(timeline.pts) == 0:
-        raise VideoError(f"{path}: holds no video frame; record or copy it again", "no_frames", str(path))
+        raise _no_frames(path)
     return timeline
 
 
@@ -127,20 +135,34 @@ def _timeline_of_sample_table(path: Path, container: Any, stream: Any) -> Timeli
 
 
 def _timeline_of_packets(path: Path, container: Any, stream: Any) -> Timeline:
-    pts: list[int] = []
-    first_key, is_truncated = None, False
-    for packet in _packets(container, stream):
-        if packet.pts is None:
-            text = f"{path}: has packets without timestamps; remux it (ffmpeg -i IN -c copy OUT.mp4)"
-            raise VideoError(text, "irregular_timestamps", str(path))
-        is_truncated = packet.is_corrupt
-        if first_key is None and packet.is_keyframe:
-            first_key = packet.pts
-        if not packet.is_corrupt and not packet.is_discard:
-            pts.append(packet.pts)
+    packets = list(_packets(container, stream))
+    if any(packet.pts is None for packet in packets):
+        text = f"{path}: has packets without timestamps; remux it (ffmpeg -i IN -c copy OUT.mp4)"
+        raise VideoError(text, "irregular_timestamps", str(path))
+    first_key = next((packet.pts for packet in packets if packet.is_keyframe), None)
+    if first_key is None:
+        return Timeline(np.empty(0, dtype=np.int64), is_truncated=True)
+    whole = [packet for packet in packets if not packet.is_corrupt]
     # Pictures shown before the first key frame refer to one that was cut away: no decoder can make them.
-    shown = np.unique(np.array([p for p in pts if first_key is not None and p >= first_key], dtype=np.int64))
-    return Timeline(shown, is_truncated)
+    shown = [packet.pts for packet in whole if not packet.is_discard and packet.pts >= first_key]
+    pts = np.unique(np.array(shown, dtype=np.int64))
+    is_truncated = len(whole) < max(len(packets), stream.frames) or _ends_early(container, stream, packets)
+    if is_truncated and packets[-1].dts is not None:
+        # What is missing would be decoded, hence shown, after the last packet. Frames known to be shown later still
+        # have holes between them where their B-frames were cut off, so their rank is unknown: leave them out.
+        pts = pts[pts <= packets[-1].dts]
+    return Timeline(pts, is_truncated)
+
+
+def _ends_early(container: Any, stream: Any, packets: list[Any]) -> bool:
+    """Whether the packets stop more than three frames before the duration that the header promises."""
+    duration = stream.duration
+    if duration is None and container.duration and len(container.streams) == 1:
+        duration = round(container.duration / av.time_base / stream.time_base)
+    first, last = min(packet.pts for packet in packets), max(packet.pts for packet in packets)
+    gap = (last - first) / max(1, len(packets) - 1)
+    # Some containers count the duration from their first frame, some from time 0: believe the one that says "whole".
+    return duration is not None and max(last, last - first) + 4 * gap < duration
 
 
 def _packets(container: Any, stream: Any) -> Iterator[Any]:
@@ -154,7 +176,7 @@ def _packets(container: Any, stream: Any) -> Iterator[Any]:
 def decoded_from(container: Any, stream: Any, pts: int) -> Iterator[Any]:
     """Decode from the key frame at or before a timestamp, in presentation order.
 
-    Frames that depend on a lost packet are left out up to the next key frame, because the decoder would only guess them.
+    Frames that depend on a lost packet are left out up to the next key frame, as the decoder would only guess them.
 
     Yields:
         `av.VideoFrame`s with timestamps from `pts` on.
@@ -179,7 +201,7 @@ def _packets_from_key(container: Any, stream: Any, pts: int) -> Iterator[Any]:
     """Packets from the last key frame shown at or before `pts`.
 
     Demuxers may seek by decoding time: they then stop at a key frame shown *after* `pts` (open GOP), from which the
-    wanted frame would decode to garbage. So the key frame's own timestamp is checked, and if need be we go further back.
+    wanted frame would decode to garbage. So the key frame's own timestamp is checked; if need be we go further back.
     """
     step = max(1, round(1 / stream.time_base))
     origin = stream.start_time or 0
