@@ -241,7 +241,7 @@ class RemapGrid:
         lines += (nodes.take(columns - first_column + 1, axis=2) - lines) * x_weight
         maps = lines.take(rows - first_row, axis=1)
         maps += (lines.take(rows - first_row + 1, axis=1) - maps) * y_weight[:, None]
-        return maps
+        return np.asarray(maps)
 
     def _cells(self, positions: Floats, axis: int) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float32]]:
         """Return the cell of each position and the place in it, NaN off the grid."""

@@ -1,154 +1,137 @@
-"""Hypotheses of where a person is: two detections in two views, triangulated in closed form, scored in all views."""
+"""Two-view hypotheses of points, scored in all views: where a robust triangulation starts from.
 
-from collections.abc import Sequence
+Up to 8 views all pairs are tried. With more, each point gets the same number of pairs, so that time grows linearly in
+the number of views: all pairs are dealt into as many groups, and from each group the point takes its best conditioned
+pair (angle between the rays, confidence). Only points of which the winner explains less than half get all pairs.
+"""
+
+from functools import cache
 from itertools import combinations
-from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from assemblyhands_core.geometry.cameras import Camera
+from assemblyhands_core.geometry.sightlines import Sightlines
 
-Floats = npt.NDArray[np.floating]
-Ints = npt.NDArray[np.int64]
+Doubles = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.intp]
+Mask = npt.NDArray[np.bool_]
 
-# A view joins a person with at least this many keypoints, and this share of what it sees of that detection, in place.
-_MIN_KEYPOINTS: Final = 5
-_MIN_SHARE: Final = 1 / 3
-# Rays closer to parallel than half a degree say nothing about depth.
-_MIN_SIN_SQUARED: Final = float(np.sin(np.deg2rad(0.5)) ** 2)
-# A detection taken for its mirror image must explain this much more: most detectors are right most of the time.
-_MIRRORED_WORTH: Final = 0.9
+NUM_PAIRS = 28
+_MAX_SCORES = 1 << 20  # scores held in memory at once
+_HARD = 0.5  # share of unexplained confidence above which a point is tried with all pairs
 
 
-class Hypotheses(NamedTuple):
-    """All pairs of candidates of different views, over F frames.
-
-    A candidate is a detection (0..N-1) or, where sides may be exchanged, its mirror image (N..2N-1).
-
-    Attributes:
-        seeds: (H, 2, 2) two (view, candidate).
-        points_world_mm: (F, H, K, 3); NaN = missing.
-        score: (F, H, V, C) weight of each candidate's keypoints that lie where the hypothesis says; 0 = refused.
-        num_detections: N.
-    """
-
-    seeds: Ints
-    points_world_mm: Floats
-    score: Floats
-    num_detections: int
-
-    def best(self) -> tuple[Ints, Floats]:
-        """Return the best hypothesis' candidate per view (F, V), -1 = none, and its points (F, K, 3)."""
-        frames, rows = np.arange(len(self.score)), np.arange(len(self.seeds))
-        (first_view, first), (second_view, second) = self.seeds[:, 0].T, self.seeds[:, 1].T
-        stands = (self.score[:, rows, first_view, first] > 0) & (self.score[:, rows, second_view, second] > 0)
-        total = np.where(stands, self.score.max(axis=-1).sum(axis=-1), 0.0)
-        best = total.argmax(axis=-1)
-        score = self.score[frames, best]
-        is_found = total[frames, best] > 0
-        candidate = np.where(is_found[:, None] & (score.max(axis=-1) > 0), score.argmax(axis=-1), -1)
-        return candidate, np.where(is_found[:, None, None], self.points_world_mm[frames, best], np.nan)
-
-    def without(self, candidate: Ints) -> "Hypotheses":
-        """Return what remains when each view's candidate (F, V), as itself and mirrored, is taken; -1 takes none."""
-        others = np.arange(self.score.shape[-1]) % self.num_detections
-        taken = (candidate[:, :, None] >= 0) & (candidate[:, :, None] % self.num_detections == others)
-        return self._replace(score=np.where(taken[:, None], 0.0, self.score))
-
-
-def score_hypotheses(
-    keypoints_px: Floats,
-    confidence: Floats,
-    cameras: Sequence[Camera],
-    max_reprojection_px: float,
-    mirror: Sequence[int] | None,
-) -> Hypotheses:
-    """Triangulate every pair of candidates and score it in all views.
+def best_hypotheses(lines: Sightlines, max_reprojection_px: float, min_parallax_rad: float) -> tuple[Doubles, Mask]:
+    """Return for each point the two-view intersection that most views agree with.
 
     Args:
-        keypoints_px: (F, V, N, K, 2) raw pixels; NaN = missing.
-        confidence: (F, V, N, K) weights in 0..1; 0 = missing.
-        cameras: V cameras.
-        max_reprojection_px: a keypoint is in place within this distance.
-        mirror: (K,) each keypoint's counterpart of the other side, where a detection may have them exchanged.
-    """
-    num_detections = keypoints_px.shape[2]
-    weight = np.where(np.isfinite(keypoints_px).all(axis=-1), np.nan_to_num(confidence), 0.0)
-    if mirror is not None:
-        keypoints_px = np.concatenate([keypoints_px, keypoints_px[:, :, :, list(mirror)]], axis=2)
-        weight = np.concatenate([weight, _MIRRORED_WORTH * weight[..., list(mirror)]], axis=2)
-    seeds = _seeds(len(cameras), num_detections, weight.shape[2])
-    points = _triangulate_seeds(keypoints_px, cameras, seeds)
-    score = np.zeros((len(points), len(seeds), *weight.shape[1:3]))
-    for view, camera in enumerate(cameras):
-        projected = camera.project(points)[:, :, None]
-        error = np.linalg.norm(projected - keypoints_px[:, None, view], axis=-1)
-        score[:, :, view] = _agreement(error, weight[:, None, view], max_reprojection_px)
-    return Hypotheses(seeds, points, score, num_detections)
-
-
-def midpoints(first_center: Floats, first_ray: Floats, second_center: Floats, second_ray: Floats) -> Floats:
-    """Return the points halfway between pairs of rays where these come closest.
-
-    Args:
-        first_center: (..., 3) mm.
-        first_ray: (..., 3) unit direction.
-        second_center: (..., 3) mm.
-        second_ray: (..., 3) unit direction.
+        lines: Observations of P points by V views.
+        max_reprojection_px: Pixel error beyond which a view counts as not explained.
+        min_parallax_rad: Smallest angle between two rays that may found a hypothesis.
 
     Returns:
-        (..., 3) mm; NaN where a ray is missing, the rays are parallel, or meet behind a camera.
+        Points `(P, 3)` in mm, NaN where no two rays meet in front of their cameras, and whether `(P,)` any two rays
+        were far enough from parallel.
     """
-    cosine = (first_ray * second_ray).sum(axis=-1)
-    sine_squared = 1.0 - cosine**2
-    baseline = second_center - first_center
-    along_first = (baseline * first_ray).sum(axis=-1)
-    along_second = (baseline * second_ray).sum(axis=-1)
-    is_crossing = sine_squared > _MIN_SIN_SQUARED
-    divisor = np.where(is_crossing, sine_squared, 1.0)
-    first_depth = (along_first - cosine * along_second) / divisor
-    second_depth = (cosine * along_first - along_second) / divisor
-    is_in_front = is_crossing & (first_depth > 0) & (second_depth > 0)
-    on_first = first_center + first_depth[..., None] * first_ray
-    on_second = second_center + second_depth[..., None] * second_ray
-    return np.where(is_in_front[..., None], (on_first + on_second) / 2, np.nan)
+    quality = _pair_quality(lines, min_parallax_rad)
+    groups = _pair_groups(lines.rays.shape[1], NUM_PAIRS)
+    points, cost = _best_of_groups(lines, quality, groups, max_reprojection_px)
+    if groups.shape[1] > 1:
+        hard = np.flatnonzero(cost > _HARD * lines.confidence.sum(axis=1))
+        every_pair = _pair_groups(lines.rays.shape[1], quality.shape[1])
+        points[hard], _ = _best_of_groups(lines.select(hard), quality[hard], every_pair, max_reprojection_px)
+    return points, np.asarray((quality > 0).any(axis=1))
 
 
-def _seeds(num_views: int, num_detections: int, num_candidates: int) -> Ints:
-    candidates = [(view, candidate) for view in range(num_views) for candidate in range(num_candidates)]
-    pairs = [
-        (first, second)
-        for first, second in combinations(candidates, 2)
-        # Two mirror images say the same as the two themselves.
-        if first[0] != second[0] and min(first[1], second[1]) < num_detections
-    ]
-    return np.array(pairs, dtype=np.int64).reshape(-1, 2, 2)
+@cache
+def _pairs(num_views: int) -> Indices:
+    """Return all pairs `(N, 2)`, by distance of their numbers so that neighbours in the list differ in their views."""
+    pairs = sorted(combinations(range(num_views), 2), key=lambda pair: (pair[1] - pair[0], pair[0]))
+    return np.array(pairs, dtype=np.intp).reshape(-1, 2)
 
 
-def _triangulate_seeds(keypoints_px: Floats, cameras: Sequence[Camera], seeds: Ints) -> Floats:
-    rays = np.stack([camera.unproject(keypoints_px[:, v]) for v, camera in enumerate(cameras)], axis=1)
-    centers = np.stack([camera.center_world_mm for camera in cameras])
-    (first_view, first), (second_view, second) = seeds[:, 0].T, seeds[:, 1].T
-    return midpoints(
-        centers[first_view][None, :, None],
-        rays[:, first_view, first],
-        centers[second_view][None, :, None],
-        rays[:, second_view, second],
-    )
+@cache
+def _pair_groups(num_views: int, num_groups: int) -> Indices:
+    """Deal the indices of all pairs into groups `(num_groups, size)`; short groups repeat their last pair."""
+    parts = np.array_split(np.arange(len(_pairs(num_views))), min(num_groups, len(_pairs(num_views))))
+    size = max(len(part) for part in parts)
+    return np.array([np.pad(part, (0, size - len(part)), mode="edge") for part in parts])
 
 
-def _agreement(error_px: Floats, weight: Floats, max_reprojection_px: float) -> Floats:
-    """Return (F, H, C): the weight of a candidate's keypoints in place, 0 where too few are; ties go to the closer.
+def _pair_quality(lines: Sightlines, min_parallax_rad: float) -> Doubles:
+    """Return sin² of the angle times both confidences `(P, N)`, 0 where a pair can found no hypothesis."""
+    first, second = _pairs(lines.rays.shape[1]).T
+    cosine = (lines.rays @ lines.rays.swapaxes(1, 2))[:, first, second]
+    squared_sine = 1 - cosine * cosine
+    apart = np.linalg.norm(lines.centers_mm[first] - lines.centers_mm[second], axis=1) > 0
+    quality = squared_sine * lines.confidence[:, first] * lines.confidence[:, second] * apart
+    quality[squared_sine < np.sin(min_parallax_rad) ** 2] = 0.0
+    return np.asarray(quality)
 
-    Args:
-        error_px: (F, H, C, K); NaN = missing.
-        weight: (F, 1, C, K); 0 = missing.
-        max_reprojection_px: largest error of a keypoint in place.
+
+def _best_of_groups(
+    lines: Sightlines, quality: Doubles, groups: Indices, max_reprojection_px: float
+) -> tuple[Doubles, Doubles]:
+    """Return the best points `(P, 3)` and their costs `(P,)`, in pieces of bounded memory."""
+    points, cost = np.full((len(quality), 3), np.nan), np.full(len(quality), np.inf)
+    piece = max(1, _MAX_SCORES // (len(groups) * lines.rays.shape[1]))
+    for begin in range(0, len(quality), piece):
+        rows = np.arange(begin, min(begin + piece, len(quality)))
+        part = lines.select(rows)
+        chosen = _choose(quality[rows], groups)
+        candidates = _intersect(part, chosen, np.take_along_axis(quality[rows], chosen, axis=1) > 0)
+        costs = _truncated_cost(part, candidates, max_reprojection_px)
+        best = np.argmin(costs, axis=1)
+        points[rows], cost[rows] = candidates[np.arange(len(rows)), best], costs[np.arange(len(rows)), best]
+    return points, cost
+
+
+def _choose(quality: Doubles, groups: Indices) -> Indices:
+    """Return the index `(P, groups)` of the best pair of each group."""
+    if groups.shape[1] == 1:
+        return np.broadcast_to(groups[:, 0], (len(quality), len(groups)))
+    best = np.argmax(quality[:, groups], axis=2)
+    return np.asarray(groups[np.arange(len(groups)), best])
+
+
+def _intersect(lines: Sightlines, chosen: Indices, allowed: Mask) -> Doubles:
+    """Return the points `(P, K, 3)` nearest to both rays of each chosen pair; NaN unless in front of both cameras.
+
+    Each ray's nearest point is weighted by 1/depth², which makes the compromise one of angles instead of millimetres.
     """
-    closeness = np.maximum(0.0, 1.0 - np.nan_to_num(error_px, nan=np.inf) / max_reprojection_px)
-    in_place = (closeness > 0) & (weight > 0)
-    count = in_place.sum(axis=-1)
-    enough = (count >= _MIN_KEYPOINTS) & (count >= _MIN_SHARE * (weight > 0).sum(axis=-1))
-    # Closeness counts so little that it decides only between hypotheses of equal support.
-    return np.where(enough, (in_place * weight * (1.0 + 1e-3 * closeness)).sum(axis=-1), 0.0)
+    first, second = _pairs(lines.rays.shape[1])[chosen].transpose(2, 0, 1)
+    point = np.arange(len(chosen))[:, None]
+    ray_1, ray_2 = lines.rays[point, first], lines.rays[point, second]
+    center_1, center_2 = lines.centers_mm[first], lines.centers_mm[second]
+    cosine = (ray_1 * ray_2).sum(axis=-1)
+    along_1, along_2 = ((center_2 - center_1) * ray_1).sum(axis=-1), ((center_2 - center_1) * ray_2).sum(axis=-1)
+    squared_sine = np.where(allowed, 1 - cosine * cosine, np.nan)
+    depth_1 = (along_1 - cosine * along_2) / squared_sine
+    depth_2 = (cosine * along_1 - along_2) / squared_sine
+    in_front = (depth_1 > 0) & (depth_2 > 0)
+    share = np.where(in_front, depth_2**2 / (depth_1**2 + depth_2**2), np.nan)[..., None]
+    near_1, near_2 = center_1 + depth_1[..., None] * ray_1, center_2 + depth_2[..., None] * ray_2
+    return np.asarray(share * near_1 + (1 - share) * near_2)
+
+
+def _truncated_cost(lines: Sightlines, candidates: Doubles, max_reprojection_px: float) -> Doubles:
+    """Return Σ over views of confidence · min(error²/threshold², 1), `(P, K)`; infinite for NaN candidates.
+
+    Single precision is plenty for choosing, and coordinates are taken from the middle of the cameras to keep it so.
+    """
+    num_points, num_views = lines.confidence.shape
+    middle = lines.centers_mm.mean(axis=0)
+    directions = np.concatenate((lines.rows, lines.rays[:, :, None]), axis=2)
+    offsets = directions @ (middle - lines.centers_mm)[..., None]
+    maps = np.concatenate((directions, offsets), axis=-1).swapaxes(1, 2).reshape(num_points, 3 * num_views, 4)
+    homogeneous = np.concatenate((candidates - middle, np.ones_like(candidates[..., :1])), axis=-1)
+    seen = homogeneous.astype(np.float32) @ maps.astype(np.float32).swapaxes(1, 2)
+    u, v, depth = (seen[..., i * num_views : (i + 1) * num_views] for i in range(3))
+    limit = np.float32(max_reprojection_px) * depth
+    limit *= limit
+    error = u * u + v * v
+    np.divide(error, limit, out=error, where=limit > 0)
+    error[(depth <= 0) | (error > 1)] = 1.0
+    cost = (error @ lines.confidence.astype(np.float32)[..., None])[..., 0].astype(np.float64)
+    return np.where(np.isnan(cost), np.inf, cost)
