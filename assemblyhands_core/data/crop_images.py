@@ -1,0 +1,30 @@
+"""Pictures inside table rows: RGB to JPEG bytes and back."""
+
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+ImageRGB = npt.NDArray[np.uint8]
+
+
+def encode_jpeg(image_rgb: ImageRGB, quality: int) -> bytes:
+    """Return an RGB picture (H, W, 3) as JPEG bytes; the same picture and quality give the same bytes."""
+    bgr = cv2.cvtColor(image_rgb, cv2.COLOR_RGB2BGR)
+    is_done, data = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, quality])
+    if not is_done:
+        raise ValueError(f"a picture of shape {image_rgb.shape} cannot be stored as JPEG of quality {quality}")
+    return bytes(data)
+
+
+def decode_image(data: bytes) -> ImageRGB:
+    """Return the RGB picture (H, W, 3) of JPEG or PNG bytes.
+
+    Raises:
+        ValueError: the bytes are no picture.
+    """
+    bgr: Any = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_COLOR) if data else None
+    if bgr is None:
+        raise ValueError(f"{len(data)} bytes are no picture; skip rows that are not valid")
+    return np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), dtype=np.uint8)

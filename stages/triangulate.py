@@ -1,0 +1,141 @@
+"""Triangulate the 2D keypoints of all views: round 0, the paper's baseline "2D + Triangulation" (Sec. 3.1).
+
+It also gives the later rounds the root of their volume. Each joint is solved on its own, robustly, and says how many
+views agree on it, how well, or why there is none (supplement: "either too few 2D detections or large triangulation
+error").
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pyarrow as pa
+from pydantic import Field
+
+from assemblyhands_core.data.arrays import to_numpy
+from assemblyhands_core.data.camera_rows import valid_cameras
+from assemblyhands_core.data.catalog import JOINTS, KEYPOINTS, RESIDUALS, VIEWS
+from assemblyhands_core.data.outcomes import outcome_columns
+from assemblyhands_core.geometry.triangulation import Triangulation, triangulate
+from assemblyhands_core.hands.joints import HANDS, NUM_JOINTS
+from stages._contract import Context, Stage, StageConfig, Tables
+
+_SOURCE, _ROUND = "2d_triangulation", 0
+
+Floats = npt.NDArray[np.floating]
+Indices = npt.NDArray[np.int64]
+
+
+class TriangulateConfig(StageConfig):
+    """Parameters of triangulation."""
+
+    max_reprojection_px: float = Field(gt=0)
+    min_confidence: float = Field(ge=0, le=1)
+    min_views: int = Field(ge=2)
+    min_parallax_rad: float = Field(ge=0, lt=np.pi)
+
+
+@dataclass(frozen=True, eq=False)
+class _Hands:
+    """The rows of a keypoints table by hand and view.
+
+    Attributes:
+        frame, hand: (G,) of each hand at each instant, by frame, right before left.
+        row_hand, row_view: (R,) place of each row; view -1 where the camera cannot be used.
+    """
+
+    frame: Indices
+    hand: npt.NDArray[Any]
+    row_hand: Indices
+    row_view: Indices
+
+
+def run(config: TriangulateConfig, inputs: Tables, context: Context) -> Tables:
+    """Triangulate all frames, hands and joints of a shard at once."""
+    cameras, keypoints = valid_cameras(inputs["views"]), inputs["keypoints"]
+    hands = _group(keypoints, list(cameras))
+    pixels, confidence = _pivot(keypoints, hands, len(cameras), config.min_confidence)
+    found = triangulate(
+        pixels.reshape(-1, len(cameras), 2),
+        list(cameras.values()),
+        confidence.reshape(-1, len(cameras)),
+        max_reprojection_px=config.max_reprojection_px,
+        min_views=config.min_views,
+        min_parallax_rad=config.min_parallax_rad,
+    )
+    return {"joints": _joints(hands, found, pixels, context), "residuals": _residuals(keypoints, hands, found)}
+
+
+def _group(keypoints: pa.Table, camera_ids: list[str]) -> _Hands:
+    """Find out which hand, instant and view each row is about."""
+    code = to_numpy(keypoints.column("frame")) * len(HANDS) + _positions(keypoints.column("hand"), list(HANDS))
+    codes, row_hand = np.unique(code, return_inverse=True)
+    row_view = _positions(keypoints.column("camera_id"), camera_ids)
+    names = np.array(HANDS, dtype=object)
+    return _Hands(codes // len(HANDS), names[codes % len(HANDS)], row_hand, row_view)
+
+
+def _positions(column: pa.ChunkedArray, values: list[str]) -> Indices:
+    """Return where each entry of a column stands among the values, -1 where it does not."""
+    return np.asarray(pa.compute.index_in(column, pa.array(values, pa.string())).fill_null(-1), dtype=np.int64)
+
+
+def _pivot(keypoints: pa.Table, hands: _Hands, num_views: int, min_confidence: float) -> tuple[Floats, Floats]:
+    """Return pixels (G, J, V, 2), NaN where a view did not see the joint well enough, and confidence (G, J, V)."""
+    shape = (len(hands.frame), num_views, NUM_JOINTS)
+    pixels, confidence = np.full((*shape, 2), np.nan), np.zeros(shape)
+    is_used = to_numpy(keypoints.column("valid")).astype(bool) & (hands.row_view >= 0)
+    place = hands.row_hand[is_used], hands.row_view[is_used]
+    pixels[place] = to_numpy(keypoints.column("keypoints_px"))[is_used].reshape(-1, NUM_JOINTS, 2)
+    confidence[place] = to_numpy(keypoints.column("confidence"))[is_used]
+    is_seen = np.isfinite(pixels).all(axis=-1) & (confidence >= min_confidence) & (confidence > 0)
+    pixels[~is_seen], confidence[~is_seen] = np.nan, 0.0
+    return pixels.swapaxes(1, 2), confidence.swapaxes(1, 2)
+
+
+def _joints(hands: _Hands, found: Triangulation, pixels: Floats, context: Context) -> pa.Table:
+    num_hands = len(hands.frame)
+    outcome = outcome_columns(found, num_hands)
+    is_unseen = ~np.isfinite(pixels).all(axis=-1).any(axis=-1)
+    outcome["reason"] = np.where(is_unseen, "no_detection", outcome["reason"])
+    return JOINTS.build(
+        {
+            "sequence_id": [context.sequence_id] * num_hands,
+            "frame": hands.frame,
+            "hand": hands.hand,
+            "joints_world_mm": found.points_world_mm.reshape(num_hands, -1),
+            **outcome,
+            "source": [_SOURCE] * num_hands,
+            "round": [_ROUND] * num_hands,
+        }
+    )
+
+
+def _residuals(keypoints: pa.Table, hands: _Hands, found: Triangulation) -> pa.Table:
+    """Return each view's distance to the joint, outliers too, a row for every row of keypoints."""
+    by_joint = (len(hands.frame), NUM_JOINTS, -1)
+    is_valid = (found.status == "ok")[:, None]
+    residual_px = np.where(is_valid, found.reprojection_px, np.nan).reshape(by_joint)
+    is_inlier = (is_valid & found.is_inlier).reshape(by_joint)
+    place = hands.row_hand, slice(None), hands.row_view
+    is_known = (hands.row_view >= 0)[:, None]
+    names = {name: keypoints.column(name) for name in RESIDUALS.key}
+    return RESIDUALS.build(
+        {
+            **names,
+            "residual_px": np.where(is_known, residual_px[place], np.nan),
+            "is_inlier": is_known & is_inlier[place],
+        }
+    )
+
+
+STAGE = Stage(
+    name="triangulate",
+    version=1,
+    config=TriangulateConfig,
+    inputs={"views": VIEWS, "keypoints": KEYPOINTS},
+    outputs={"joints": JOINTS, "residuals": RESIDUALS},
+    run=run,
+    shard="chunk",
+)
