@@ -10,7 +10,7 @@ from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 
 from pipeline.config import CONF_FOLDER, UserError, check_config, unknown_key_message
-from pipeline.dag import TARGETS
+from pipeline.dag import TARGETS, build_dag
 
 _COMMANDS = ("run", "plan", "gc")
 _USAGE = """usage: python -m pipeline [COMMAND] [parameter=value ...]
@@ -49,7 +49,7 @@ def main() -> int:
         nonlocal code
         from pipeline.commands import execute
 
-        code = max(code, execute(command, check_config(composed), shlex.join(["python", "-m", "pipeline", *arguments])))
+        code = max(code, execute(command, check_config(composed, build_dag()), shlex.join(["python", "-m", "pipeline", *arguments])))
 
     sys.argv = [sys.argv[0], *overrides]
     job()

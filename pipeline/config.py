@@ -3,14 +3,13 @@
 import difflib
 import json
 from collections.abc import Mapping, Sequence
-from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from omegaconf import DictConfig, OmegaConf
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PrivateAttr, ValidationError
 
-from pipeline.dag import TARGETS, Dag, build_dag
+from pipeline.dag import TARGETS, Dag
 from stages._contract import StageConfig
 
 CONF_FOLDER = Path(__file__).resolve().parents[1] / "conf"
@@ -58,37 +57,34 @@ class RunConfig(_Model):
     rig: RigConfig
     executor: ExecutorConfig
     gc: GcConfig
-    stages: Mapping[str, Any]
+    _dag: Dag = PrivateAttr()
+    _stages: Mapping[str, StageConfig] = PrivateAttr()
 
-    @cached_property
+    @property
     def dag(self) -> Dag:
-        """Return the DAG."""
-        return build_dag()
+        """Return the DAG that runs."""
+        return self._dag
 
-    def stage_config(self, stage: str) -> StageConfig:
-        """Return the checked parameters of a stage."""
-        config: StageConfig = self.stages[stage]
-        return config
-
-
-def stage_classes() -> dict[str, type[StageConfig]]:
-    """Return the config class of every stage by its name, which is also its name in ``conf/stage``."""
-    return {node.stage.name: node.stage.config for node in build_dag().nodes.values()}
+    @property
+    def stages(self) -> Mapping[str, StageConfig]:
+        """Return the checked parameters of every stage by its name."""
+        return self._stages
 
 
-def check_config(composed: DictConfig) -> RunConfig:
-    """Return the frozen configuration of what Hydra composed.
+def check_config(composed: DictConfig, dag: Dag) -> RunConfig:
+    """Return the frozen configuration of what Hydra composed: the run's own parameters and each stage's.
 
     Raises:
         UserError: naming the parameter, the value and what is allowed.
     """
     values = OmegaConf.to_container(composed, resolve=True)
     assert isinstance(values, dict)
-    classes = stage_classes()
+    classes = {node.stage.name: node.stage.config for node in dag.nodes.values()}
     stages = {name: _validate(cls, values.pop(name), f"{name}.") for name, cls in classes.items()}
-    config = _validate(RunConfig, {**values, "stages": {}}, "").model_copy(update={"stages": stages})
-    if config.target not in TARGETS and config.target not in config.dag.nodes:
-        raise UserError(f"target={config.target} is unknown; choose among {', '.join([*TARGETS, *config.dag.nodes])}")
+    config: RunConfig = _validate(RunConfig, values, "")
+    config._dag, config._stages = dag, stages
+    if config.target not in TARGETS and config.target not in dag.nodes:
+        raise UserError(f"target={config.target} is unknown; choose among {', '.join([*TARGETS, *dag.nodes])}")
     return config
 
 

@@ -126,7 +126,6 @@ def build_dag() -> Dag:
         views="ingest.views",
         body_keypoints="detect_hands.body_keypoints",
         bodies="detect_hands.bodies",
-        followed="detect_hands.followed",
         joints="round_0.joints",
         residuals="round_0.residuals",
     )

@@ -112,6 +112,7 @@ def run_task(task: Task, upstream: Upstream) -> Result:
     except DamagedEntry as error:
         return Result(task.node.name, task.shard, "failed", error=str(error), is_repairable=True)
     except Exception as error:  # the boundary of a shard: whatever a stage raises must not stop other shards
+        task.log.parent.mkdir(parents=True, exist_ok=True)
         with task.log.open("a") as log:
             log.write(traceback.format_exc())
         return Result(task.node.name, task.shard, "failed", error=_sentence(error))

@@ -72,7 +72,7 @@ def _provenance(config: RunConfig, command: str, results: Sequence[Result]) -> d
     return {
         "command": command,
         "time": time.strftime("%Y-%m-%dT%H:%M:%S%z"),
-        "config": {**config.model_dump(mode="json", exclude={"stages"}), "stages": stages},
+        "config": {**config.model_dump(mode="json"), "stages": stages},
         "commit": _commit(),
         "python": sys.version.split()[0],
         "machine": f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores",

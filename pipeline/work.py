@@ -85,6 +85,6 @@ class SequenceWork:
         return [handles[shard if shard in handles else whole]]
 
     def _task(self, node: Node, shard: Shard) -> Task:
-        config = self.config.stage_config(node.stage.name)
+        config = self.config.stages[node.stage.name]
         log = self.logs / f"{node.name}-{shard}.log"
         return Task(node, shard, config, self.sources, self.config.workspace, log, self.num_threads)

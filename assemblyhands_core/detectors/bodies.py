@@ -1,0 +1,84 @@
+"""Run a body detector over some frames of all views."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from assemblyhands_core.data.video import VideoReader
+from assemblyhands_core.detectors.base import BodyDetections, BodyDetector, ImageRGB
+from assemblyhands_core.hands.body import NUM_BODY_KEYPOINTS
+
+Floats = npt.NDArray[np.floating[Any]]
+
+
+class BodiesInViews(NamedTuple):
+    """The persons in F frames of V views, up to N in each image.
+
+    Attributes:
+        keypoints_px: (F, V, N, 17, 2) COCO-17 order, pixels of the view's video; NaN = missing.
+        confidence: (F, V, N, 17) in 0..1; 0 = missing.
+        num_persons: (F, V) how many were found.
+    """
+
+    keypoints_px: Floats
+    confidence: Floats
+    num_persons: npt.NDArray[np.int64]
+
+
+def detect_bodies(
+    detector: BodyDetector,
+    views: Sequence[Mapping[str, Any]],
+    frames: range,
+    *,
+    every_nth_frame: int = 1,
+    max_image_side_px: int | None = None,
+    num_threads: int = 1,
+) -> BodiesInViews:
+    """Find the persons in every n-th frame of all views.
+
+    Args:
+        detector: the detector.
+        views: rows of the table ``views``.
+        frames: consecutive frame numbers.
+        every_nth_frame: frames between are left without persons.
+        max_image_side_px: images are decoded at most this large; keypoints are in full-size pixels all the same.
+        num_threads: decoder threads.
+
+    Returns:
+        The persons; a frame that a view lacks is one without persons.
+    """
+    by_view = [[BodyDetections.none()] * len(frames) for _ in views]
+    wanted = frames[::every_nth_frame]
+    for found, view in zip(by_view, views, strict=True):
+        for frame, image in _images(detector, view, wanted, max_image_side_px, num_threads):
+            found[frame - frames.start] = _at_full_size(detector.detect(image, view["camera_id"], frame), image, view)
+    return _stack(by_view)
+
+
+def _images(
+    detector: BodyDetector, view: Mapping[str, Any], wanted: range, max_side_px: int | None, num_threads: int
+) -> Iterator[tuple[int, ImageRGB | None]]:
+    if not detector.needs_image:
+        return ((frame, None) for frame in wanted)
+    reader = VideoReader(view["video_file"], threads=num_threads)
+    return reader.frames(wanted.start, len(wanted), wanted.step, max_side_px, on_missing="skip")
+
+
+def _at_full_size(found: BodyDetections, image: ImageRGB | None, view: Mapping[str, Any]) -> BodyDetections:
+    if image is None:
+        return found
+    scale = np.array([view["width_px"] / image.shape[1], view["height_px"] / image.shape[0]])
+    return BodyDetections((found.keypoints_px + 0.5) * scale - 0.5, found.confidence)
+
+
+def _stack(by_view: Sequence[Sequence[BodyDetections]]) -> BodiesInViews:
+    num_persons = np.array([[len(found.confidence) for found in frames] for frames in by_view], dtype=np.int64).T
+    shape = (*num_persons.shape, max(1, int(num_persons.max(initial=0))), NUM_BODY_KEYPOINTS)
+    keypoints_px, confidence = np.full((*shape, 2), np.nan), np.zeros(shape)
+    for v, frames in enumerate(by_view):
+        for f, found in enumerate(frames):
+            keypoints_px[f, v, : num_persons[f, v]] = found.keypoints_px
+            confidence[f, v, : num_persons[f, v]] = found.confidence
+    return BodiesInViews(keypoints_px, confidence, num_persons)

@@ -1,0 +1,97 @@
+"""Estimate from moving keypoints whether a view runs ahead of the others or behind them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from assemblyhands_core.geometry.cameras import Camera
+from assemblyhands_core.geometry.triangulation import triangulate
+
+Floats = npt.NDArray[np.floating[Any]]
+_MIN_POINTS = 30
+
+
+@dataclass(frozen=True, eq=False)
+class Synchronisation:
+    """How well each view fits the others when it is shifted in time.
+
+    Attributes:
+        shift: (S,) tried shifts in frames; with shift s the view shows at frame t what the others show at t - s.
+        error_px: (V, S) median reprojection error of the other views' 3D points; NaN where too little is seen.
+    """
+
+    shift: npt.NDArray[np.int64]
+    error_px: Floats
+
+    @property
+    def best_shift(self) -> npt.NDArray[np.int64]:
+        """Return (V,) the shift of least error; 0 where nothing can be said."""
+        filled = np.where(np.isnan(self.error_px), np.inf, self.error_px)
+        best = self.shift[np.argmin(filled, axis=1)]
+        return np.where(np.isfinite(filled).any(axis=1), best, 0)
+
+    @property
+    def error_now_px(self) -> Floats:
+        """Return (V,) the error as recorded, unshifted."""
+        return np.asarray(self.error_px[:, self.shift == 0][:, 0])
+
+    @property
+    def error_best_px(self) -> Floats:
+        """Return (V,) the error at the best shift."""
+        return np.asarray(np.fmin.reduce(self.error_px, axis=1))
+
+
+def estimate_synchronisation(
+    keypoints_px: Floats,
+    confidence: Floats,
+    cameras: Sequence[Camera],
+    *,
+    max_shift: int,
+    max_reprojection_px: float,
+) -> Synchronisation:
+    """Reproject what the other views see into each view, shifted in time, and see which shift fits best.
+
+    Args:
+        keypoints_px: (F, V, K, 2) one person's keypoints in raw pixels over F consecutive frames; NaN = missing.
+        confidence: (F, V, K); 0 = missing.
+        cameras: V cameras.
+        max_shift: shifts from -max_shift to max_shift frames are tried.
+        max_reprojection_px: inlier threshold of the triangulation.
+
+    Returns:
+        Errors by view and shift. Only motion tells: where nobody moves all shifts fit alike.
+    """
+    shift = np.arange(-max_shift, max_shift + 1)
+    error = np.full((len(cameras), len(shift)), np.nan)
+    for view in range(len(cameras)):
+        expected_px = _seen_by_others(keypoints_px, confidence, cameras, view, max_reprojection_px)
+        for i, s in enumerate(shift):
+            distance = np.linalg.norm(_shifted(keypoints_px[:, view], -int(s)) - expected_px, axis=-1)
+            known = distance[np.isfinite(distance)]
+            error[view, i] = np.median(known) if len(known) >= _MIN_POINTS else np.nan
+    return Synchronisation(shift, error)
+
+
+def _seen_by_others(
+    keypoints_px: Floats, confidence: Floats, cameras: Sequence[Camera], view: int, max_reprojection_px: float
+) -> Floats:
+    """Return (F, K, 2) where the other views' 3D points fall in this view."""
+    others = [v for v in range(len(cameras)) if v != view]
+    pixels = keypoints_px[:, others].swapaxes(1, 2).reshape(-1, len(others), 2)
+    weights = confidence[:, others].swapaxes(1, 2).reshape(-1, len(others))
+    found = triangulate(pixels, [cameras[v] for v in others], weights, max_reprojection_px=max_reprojection_px)
+    num_frames, _, num_keypoints = confidence.shape
+    return np.asarray(cameras[view].project(found.points_world_mm)).reshape(num_frames, num_keypoints, 2)
+
+
+def _shifted(values: Floats, by: int) -> Floats:
+    """Return (F, ...) values with frame t holding what was at t - by; NaN where there was nothing."""
+    result = np.full_like(values, np.nan)
+    if by >= 0:
+        result[by:] = values[: len(values) - by]
+    else:
+        result[:by] = values[-by:]
+    return result

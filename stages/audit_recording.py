@@ -1,0 +1,137 @@
+"""Look a recording over before hours are spent on it: files, sizes, bodies seen, synchronisation.
+
+This is what ``make doctor`` prints. Bodies are detected in a short run of frames only.
+"""
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+from pydantic import Field, JsonValue
+
+from assemblyhands_core.data.camera_rows import valid_cameras
+from assemblyhands_core.data.catalog import AUDIT, VIEWS
+from assemblyhands_core.detectors.base import BODY_MIRROR
+from assemblyhands_core.detectors.bodies import BodiesInViews, detect_bodies
+from assemblyhands_core.detectors.options import detector_options
+from assemblyhands_core.detectors.registry import create_body_detector, fingerprint
+from assemblyhands_core.geometry.association import associate_persons, follow_person
+from assemblyhands_core.geometry.cameras import Camera
+from assemblyhands_core.geometry.synchronisation import Synchronisation, estimate_synchronisation
+from stages._contract import Context, Stage, StageConfig, Tables
+
+Finding = tuple[str, str, str, float, str]  # check, camera, level, value, note
+
+
+class AuditRecordingConfig(StageConfig):
+    """Parameters of the audit."""
+
+    detector: str
+    options: Mapping[str, Mapping[str, JsonValue]]
+    num_frames: int = Field(ge=1)
+    max_image_side_px: int = Field(ge=128)
+    max_persons: int = Field(ge=1, le=8)
+    association_px: float = Field(gt=0)
+    max_shift_frames: int = Field(ge=1)
+    min_seen_fraction: float = Field(ge=0, le=1)
+    sync_gain: float = Field(gt=0, lt=1)
+
+
+def run(config: AuditRecordingConfig, inputs: Tables, context: Context) -> Tables:
+    """Audit one sequence."""
+    views = inputs["views"].to_pylist()
+    findings = [*_files(views), *_bodies(config, inputs, context)]
+    rows = [
+        {"sequence_id": context.sequence_id, "check": c, "camera_id": camera, "level": level, "value": v, "note": note}
+        for c, camera, level, v, note in findings
+    ]
+    return {"audit": AUDIT.from_rows(rows)}
+
+
+def _files(views: list[dict[str, Any]]) -> Iterator[Finding]:
+    """Yield what ingest found in each view's file."""
+    for view in views:
+        size = f"{view['width_px']}×{view['height_px']}, {view['num_frames']} frames at {view['rate_hz']:.4g} Hz"
+        note = ". ".join(part for part in (size if view["num_frames"] else "", view["note"]) if part)
+        level = "error" if not view["valid"] else "warning" if view["note"] else "ok"
+        reason = "" if view["valid"] else f"{view['reason']}: this view is left out. "
+        yield "file", view["camera_id"], level, float(view["num_frames"]), reason + note
+
+
+def _bodies(config: AuditRecordingConfig, inputs: Tables, context: Context) -> Iterator[Finding]:
+    """Yield how often each view sees the followed person, and whether it runs with the others."""
+    cameras = valid_cameras(inputs["views"])
+    views = [view for view in inputs["views"].to_pylist() if view["valid"]]
+    found = _detect(config, views, context)
+    order = list(cameras.values())
+    persons = associate_persons(
+        found.keypoints_px,
+        found.confidence,
+        order,
+        max_reprojection_px=config.association_px,
+        max_persons=config.max_persons,
+        mirror=BODY_MIRROR,
+    )
+    followed = follow_person(persons, order, mirror=BODY_MIRROR)
+    keypoints_px, confidence = followed.select(found.keypoints_px, found.confidence, BODY_MIRROR)
+    seen = (followed.person_index >= 0).mean(axis=0)
+    yield "person", "all", "ok" if seen.any() else "error", float(seen.mean()), followed.sentence
+    for name, share in zip(cameras, seen, strict=True):
+        level = "ok" if share >= config.min_seen_fraction else "warning"
+        yield "person seen", name, level, float(share), f"agrees with the other views in {share:.0%} of the frames"
+    sync = estimate_synchronisation(
+        keypoints_px,
+        confidence,
+        order,
+        max_shift=config.max_shift_frames,
+        max_reprojection_px=config.association_px,
+    )
+    yield from _synchronisation(config, list(cameras), order, sync)
+
+
+def _detect(config: AuditRecordingConfig, views: list[dict[str, Any]], context: Context) -> BodiesInViews:
+    """Detect bodies in a run of frames around the middle of the recording."""
+    num_frames = min(view["num_frames"] for view in views)
+    length = min(config.num_frames, num_frames)
+    first = (num_frames - length) // 2
+    return detect_bodies(
+        create_body_detector(config.detector, **_options(config, context.sequence_id)),
+        views,
+        range(first, first + length),
+        max_image_side_px=config.max_image_side_px,
+        num_threads=context.num_threads,
+    )
+
+
+def _synchronisation(
+    config: AuditRecordingConfig, names: list[str], cameras: list[Camera], sync: Synchronisation
+) -> Iterator[Finding]:
+    for view, name in enumerate(names):
+        shift, now, best = int(sync.best_shift[view]), sync.error_now_px[view], sync.error_best_px[view]
+        if len(cameras) < 3 or np.isnan(now):
+            yield "synchronisation", name, "warning", 0.0, "cannot be told: too little of the person in the other views"
+        elif shift and best < config.sync_gain * now:
+            note = f"fits the others better when shifted by {-shift:+d} frames ({now:.1f} → {best:.1f} px)"
+            yield "synchronisation", name, "warning", float(shift), note
+        else:
+            yield "synchronisation", name, "ok", 0.0, f"in step with the others ({now:.1f} px)"
+
+
+def _options(config: AuditRecordingConfig, sequence_id: str) -> dict[str, Any]:
+    return detector_options(config.options, config.detector, sequence_id)
+
+
+def _externals(config: AuditRecordingConfig, sequence_id: str) -> Mapping[str, str]:
+    return fingerprint(config.detector, _options(config, sequence_id))
+
+
+STAGE = Stage(
+    name="audit_recording",
+    version=1,
+    config=AuditRecordingConfig,
+    inputs={"views": VIEWS},
+    outputs={"audit": AUDIT},
+    run=run,
+    shard="sequence",
+    externals=_externals,
+)

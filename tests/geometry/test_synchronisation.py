@@ -1,0 +1,50 @@
+import numpy as np
+
+from assemblyhands_core.geometry.cameras import Camera
+from assemblyhands_core.geometry.distortion import Pinhole
+from assemblyhands_core.geometry.synchronisation import estimate_synchronisation
+
+NUM_FRAMES = 40
+
+
+def _rig() -> list[Camera]:
+    cameras = []
+    for angle in (0.0, 0.9, 1.8, 2.7):
+        rotation = np.array([[np.cos(angle), 0, -np.sin(angle)], [0, 1, 0], [np.sin(angle), 0, np.cos(angle)]])
+        pose = np.eye(4)
+        pose[:3, :3], pose[2, 3] = rotation, 2000.0
+        cameras.append(Camera(f"c{angle}", 1000, 1000, 1000.0, 1000.0, 499.5, 499.5, Pinhole(), pose))
+    return cameras
+
+
+def _walk(speed_mm: float) -> np.ndarray:
+    """Return (F, K, 3) points on a curve, so that every moment looks different."""
+    t = np.arange(NUM_FRAMES)[:, None]
+    offset = np.arange(5)[None, :] * 40.0
+    return np.stack([speed_mm * t + offset, 50 * np.sin(t / 4) + offset * 0.5, 30 * np.cos(t / 3) - offset], axis=-1)
+
+
+def _seen(cameras: list[Camera], points: np.ndarray, late_view: int, by: int) -> np.ndarray:
+    seen = np.stack([camera.project(points) for camera in cameras], axis=1)
+    seen[by:, late_view] = seen[: NUM_FRAMES - by, late_view].copy()
+    seen[:by, late_view] = np.nan
+    return seen
+
+
+def test_a_late_view_is_found_and_the_others_are_not_blamed() -> None:
+    cameras = _rig()
+    keypoints = _seen(cameras, _walk(6.0), late_view=2, by=3)
+    confidence = np.isfinite(keypoints[..., 0]).astype(float)
+    found = estimate_synchronisation(keypoints, confidence, cameras, max_shift=5, max_reprojection_px=2.0)
+    assert found.best_shift.tolist() == [0, 0, 3, 0]
+    assert found.error_best_px[2] < 1e-3 < 3.0 < found.error_now_px[2]
+
+
+def test_too_little_to_see_says_nothing() -> None:
+    cameras = _rig()
+    keypoints = np.full((NUM_FRAMES, 4, 5, 2), np.nan)
+    found = estimate_synchronisation(
+        keypoints, np.zeros((NUM_FRAMES, 4, 5)), cameras, max_shift=2, max_reprojection_px=2.0
+    )
+    assert found.best_shift.tolist() == [0, 0, 0, 0]
+    assert np.isnan(found.error_px).all()
