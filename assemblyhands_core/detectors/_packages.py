@@ -12,7 +12,7 @@ def import_package(name: str, install: str) -> Any:
     try:
         return importlib.import_module(name)
     except ImportError as error:
-        raise DetectorError(f"Detector '{name}' cannot import its package ({error}); install it: {install}") from error
+        raise DetectorError(f"The package {name} cannot be imported ({error}); install it: {install}") from error
 
 
 def package_version(name: str, install: str) -> str:
@@ -20,4 +20,4 @@ def package_version(name: str, install: str) -> str:
     try:
         return importlib.metadata.version(name)
     except importlib.metadata.PackageNotFoundError as error:
-        raise DetectorError(f"Detector '{name}' needs the package {name}; install it: {install}") from error
+        raise DetectorError(f"The package {name} is not installed; install it: {install}") from error

@@ -1,0 +1,104 @@
+"""2D keypoints that another program has found, read from files in place of images.
+
+* a Parquet file with the columns ``camera``, ``frame``, ``person`` (bodies) or ``hand`` (``right``/``left``),
+  ``keypoints_px`` (34 or 42 numbers, x and y in turn, COCO-17 or AssemblyHands order, raw pixels) and ``confidence``
+  (17 or 21); or
+* a folder as OpenPose and Pose2Sim write it: ``<folder>/<camera>/…_000000000012_keypoints.json`` (the camera's folder
+  may end in ``_json``; the last number of the name is the frame).
+
+Keypoints with confidence 0 are missing. Results are in raw pixels of the camera's image.
+"""
+
+import hashlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+
+from assemblyhands_core.data.digests import digest_file
+from assemblyhands_core.detectors._keypoint_files import OpenPoseFolder, ParquetKeypoints
+from assemblyhands_core.detectors.base import BodyDetections, DetectorError, FloatArray, HandDetection, ImageRGB, masked
+from assemblyhands_core.hands.body import NUM_BODY_KEYPOINTS
+from assemblyhands_core.hands.joints import NUM_JOINTS, Hand
+
+
+class _Source(Protocol):
+    def bodies(self, camera_id: str, frame: int) -> FloatArray: ...
+
+    def hands(self, hand: Hand, camera_id: str, frame: int) -> FloatArray: ...
+
+
+class PrecomputedBody:
+    """Bodies from a Parquet file or an OpenPose folder."""
+
+    needs_image = False
+
+    def __init__(self, path: str | Path) -> None:
+        """Open the file or folder.
+
+        Raises:
+            DetectorError: it is absent or not what this module reads.
+        """
+        self._source = _open(path, "person", NUM_BODY_KEYPOINTS)
+
+    def detect(self, image_rgb: ImageRGB | None, camera_id: str, frame: int) -> BodyDetections:
+        """Return the persons stored for that camera and frame; the image is not looked at."""
+        persons = self._source.bodies(camera_id, frame)
+        keypoints_px, confidence = masked(persons[..., :2], persons[..., 2])
+        is_somebody = (confidence > 0).any(axis=-1)
+        return BodyDetections(keypoints_px[is_somebody], confidence[is_somebody])
+
+
+class PrecomputedHands:
+    """Hands from a Parquet file or an OpenPose folder."""
+
+    needs_image = False
+
+    def __init__(self, path: str | Path) -> None:
+        """Open the file or folder.
+
+        Raises:
+            DetectorError: it is absent or not what this module reads.
+        """
+        self._source = _open(path, "hand", NUM_JOINTS)
+
+    def detect(
+        self,
+        image_rgb: ImageRGB | None,
+        hand: Hand,
+        camera_id: str,
+        frame: int,
+        expected_px: FloatArray | None = None,
+    ) -> HandDetection | None:
+        """Return the stored hand nearest to ``expected_px`` (2,) raw px, by default the most confident one."""
+        stored = self._source.hands(hand, camera_id, frame)
+        hands = [(k, c) for k, c in (masked(h[:, :2], h[:, 2]) for h in stored) if (c > 0).any()]
+        if not hands:
+            return None
+        if expected_px is None:
+            return HandDetection(*max(hands, key=lambda found: float(found[1].sum())))
+        nearest = min(hands, key=lambda found: float(np.linalg.norm(np.nanmean(found[0], axis=0) - expected_px)))
+        return HandDetection(*nearest)
+
+
+def fingerprint(options: Mapping[str, Any]) -> dict[str, str]:
+    """Return one sha256 over the names and contents of the files read."""
+    path = Path(options["path"]) if "path" in options else None
+    if path is None or not path.exists():
+        raise DetectorError(f"Detector 'precomputed' reads {path}, which does not exist: set its option path.")
+    if path.is_file():
+        return {"sha256": digest_file(path)}
+    digest = hashlib.sha256()
+    for file in sorted(path.rglob("*.json")):
+        digest.update(f"{file.relative_to(path).as_posix()}\0{digest_file(file)}\n".encode())
+    return {"sha256": digest.hexdigest()}
+
+
+def _open(path: str | Path, kind: str, num_keypoints: int) -> _Source:
+    path = Path(path)
+    if path.is_dir():
+        return OpenPoseFolder(path)
+    if path.is_file():
+        return ParquetKeypoints(path, kind, num_keypoints)
+    raise DetectorError(f"Precomputed keypoints {path} do not exist: give a Parquet file or a folder of OpenPose JSON.")
