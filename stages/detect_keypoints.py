@@ -23,7 +23,7 @@ from assemblyhands_core.hands.body import ARMS
 from assemblyhands_core.hands.joints import NUM_JOINTS, WRIST
 from stages._contract import Context, Stage, StageConfig, Tables
 
-Floats = npt.NDArray[np.floating[Any]]
+Floats = npt.NDArray[np.float64]
 _BODY = "body"
 
 
@@ -80,17 +80,17 @@ def _detect(detector: HandDetector, crop: Mapping[str, Any], camera: Camera) -> 
     found = detector.detect(image, crop["hand"], crop["camera_id"], crop["frame"])
     if found is None:
         return None
-    in_video_px = source_pixels(camera, camera_from_row(crop), found.keypoints_px)
+    in_video_px = np.asarray(source_pixels(camera, camera_from_row(crop), found.keypoints_px), dtype=np.float64)
     is_seen = np.isfinite(in_video_px).all(axis=1)
     return HandDetection(in_video_px, np.where(is_seen, found.confidence, 0.0))
 
 
 def _body_wrists(inputs: Tables) -> dict[tuple[int, str, str], tuple[Floats, float]]:
     """Return the body detector's wrists: (frame, camera, hand) → pixel (2,) and confidence."""
-    wrists = {}
+    wrists: dict[tuple[int, str, str], tuple[Floats, float]] = {}
     for row in inputs["body_keypoints"].to_pylist():
         for hand, arm in ARMS.items():
-            pixel = np.array(row["body_px"][2 * arm.wrist : 2 * arm.wrist + 2])
+            pixel = np.array(row["body_px"][2 * arm.wrist : 2 * arm.wrist + 2], dtype=np.float64)
             if row["confidence"][arm.wrist] > 0 and np.isfinite(pixel).all():
                 wrists[row["frame"], row["camera_id"], hand] = (pixel, row["confidence"][arm.wrist])
     return wrists

@@ -1,4 +1,4 @@
-"""Say how good an annotation is without ground truth: coverage by reason, reprojection, bone constancy, synchronisation.
+"""Say how good an annotation is without ground truth: coverage, reprojection, constant bones, synchronisation.
 
 Everything a user asks first when the 3D is empty or odd: which joints are missing and why, which camera disagrees,
 whether the forearm keeps its length, and whether a view runs ahead of the others.

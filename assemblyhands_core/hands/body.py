@@ -3,12 +3,14 @@
 Source: MS COCO keypoint order; the virtual hand centre is in the paper's supplement, "Processing of exocentric images".
 """
 
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from assemblyhands_core.hands.joints import Hand
+
+Floats = npt.NDArray[np.floating[Any]]
 
 BODY_KEYPOINT_NAMES: Final = (
     "nose",
@@ -58,7 +60,7 @@ class Arm(NamedTuple):
 ARMS: Final[dict[Hand, Arm]] = {"right": Arm(6, 8, 10), "left": Arm(5, 7, 9)}
 
 
-def hand_center(elbow: npt.NDArray[np.float64], wrist: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+def hand_center(elbow: Floats, wrist: Floats) -> Floats:
     """Return the virtual hand centre, a third of the forearm beyond the wrist.
 
     Args:
@@ -70,4 +72,4 @@ def hand_center(elbow: npt.NDArray[np.float64], wrist: npt.NDArray[np.float64]) 
 
     Source: paper, supplement, "Processing of exocentric images".
     """
-    return wrist + (wrist - elbow) / 3.0
+    return np.asarray(wrist + (wrist - elbow) / 3.0)

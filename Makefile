@@ -1,0 +1,73 @@
+# Two commands are all a newcomer needs: `make annotate` and `make test`. Everything else stands in `make help`.
+# Python 3.11 or 3.12 by preference: mediapipe, the default detector, has no wheel with its models for later ones.
+PYTHON ?= $(shell for python in python3 python3.12 python3.11; do \
+	$$python -c 'import sys; sys.exit(not (3, 11) <= sys.version_info < (3, 13))' 2>/dev/null && echo $$python && break; \
+	done || echo python3)
+SEQ ?=
+ARGS ?=
+
+VENV := .venv
+BIN := $(VENV)/bin
+RUN := $(BIN)/python -m pipeline
+SEQUENCE := $(if $(SEQ),'seq=$(SEQ)')
+PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
+SOURCES := assemblyhands_core stages pipeline tests benchmarks
+
+.PHONY: annotate plan doctor gc test test-slow check format benchmark help clean
+.DEFAULT_GOAL := help
+
+annotate: $(VENV)/.installed  ## video in, 3D hand joints out: SEQ=name (default: a real demo), ARGS='parameter=value'
+	$(RUN) annotate $(SEQUENCE) $(ARGS)
+
+plan: $(VENV)/.installed  ## what `make annotate` would run, what it would reuse, and why
+	$(RUN) plan $(SEQUENCE) $(ARGS)
+
+doctor: $(VENV)/.installed  ## look a recording over before hours are spent on it: SEQ=name
+	$(RUN) doctor $(SEQUENCE) $(ARGS)
+
+gc: $(VENV)/.installed  ## remove results that none of the newest runs refers to
+	$(RUN) gc $(ARGS)
+
+test: $(VENV)/.installed-dev  ## the tests (minutes)
+	$(BIN)/python -m pytest -m 'not slow' $(ARGS)
+
+test-slow: $(VENV)/.installed-dev  ## the tests that take long, on real footage and under faults
+	$(BIN)/python -m pytest -m slow $(ARGS)
+
+check: $(VENV)/.installed-dev  ## format, lint, types, import layers and tests: what CI runs
+	$(BIN)/ruff format --check $(SOURCES)
+	$(BIN)/ruff check $(SOURCES)
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+	$(MAKE) test
+
+format: $(VENV)/.installed-dev  ## put the code into the house's format
+	$(BIN)/ruff check --fix --quiet $(SOURCES)
+	$(BIN)/ruff format $(SOURCES)
+
+benchmark: $(VENV)/.installed-dev  ## speed, side by side with the alternatives
+	for file in benchmarks/*.py; do $(BIN)/python $$file || exit 1; done
+
+help:  ## this list
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+	@echo
+	@echo "  A rig of your own: make annotate SEQ=NAME ARGS=\"rig.calibration=PATH rig.videos='GLOB'\""
+	@echo "  All parameters:    $(RUN) --cfg job"
+
+clean:  ## remove the environment; results in work/ stay
+	rm -rf $(VENV)
+
+$(VENV)/.installed: pyproject.toml constraints.txt
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
+		{ echo "Python 3.11 or later is needed, $(PYTHON) is older: make PYTHON=python3.12 …"; exit 1; }
+	@echo "installing into $(VENV) (once, about a minute) …"
+	@test -x $(BIN)/pip || $(PYTHON) -m venv $(VENV) || \
+		{ $(PYTHON) -m venv --without-pip $(VENV) && $(PYTHON) -m pip --python $(BIN)/python install --quiet pip; }
+	$(PIP) --editable .
+	@$(BIN)/python -c 'import sys; sys.exit(sys.version_info >= (3, 13))' && $(PIP) --no-deps mediapipe || \
+		echo "mediapipe has no wheel for this Python: use detectors rtmlib or precomputed, or Python 3.12"
+	@touch $@
+
+$(VENV)/.installed-dev: $(VENV)/.installed
+	$(PIP) --editable '.[dev]'
+	@touch $@
