@@ -1,0 +1,132 @@
+"""Camera rigs: calibrations of any supported format, recognised by content, and the videos that go with them."""
+
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+from assemblyhands_core.data.calibrations import UnknownFormatError
+from assemblyhands_core.data.calibrations.anipose import LengthUnit, parse_anipose
+from assemblyhands_core.data.calibrations.qualisys import parse_qualisys
+from assemblyhands_core.geometry.cameras import Camera, load_assembly101_calibration
+
+__all__ = ["LengthUnit", "VideoMatch", "match_videos", "read_calibration"]
+
+SUPPORTED = "Assembly101 JSON, anipose or Pose2Sim TOML, Qualisys .qca.txt (XML)"
+MAX_CALIBRATION_BYTES = 64 * 2**20
+_JSON_START = re.compile(r"\s*(\[\s*)?\{")  # a TOML file may begin with [ too, but never with [{ or {
+
+
+def read_calibration(path: Path | str, unit: LengthUnit = "auto") -> dict[str, Camera]:
+    """Read the cameras of a calibration file, whatever its name.
+
+    Args:
+        path: Assembly101 JSON, anipose or Pose2Sim TOML, or Qualisys `.qca.txt`.
+        unit: Unit of length of a TOML file, which does not say it; `auto` is explained at `parse_anipose`. The other
+            formats are in mm.
+
+    Returns:
+        Cameras by name (serial number), in mm, in the order of the file.
+
+    Raises:
+        ValueError: The file is missing, unreadable, of no supported format, or one of its cameras is impossible; the
+            message is one sentence with file, camera, reason and remedy.
+    """
+    path = Path(path)
+    text = _read_text(path)
+    if _JSON_START.match(text):
+        cameras = _read_assembly101(path)
+    else:
+        try:
+            cameras = parse_qualisys(text) if text.lstrip().startswith("<") else parse_anipose(text, unit)
+        except UnknownFormatError as error:
+            raise ValueError(f"{path}: {error}; supported are {SUPPORTED}.") from error
+        except ValueError as error:
+            raise ValueError(f"{path}: {error}.") from error
+    if not cameras:
+        raise ValueError(f"{path}: holds no camera; supported are {SUPPORTED}.")
+    return cameras
+
+
+def _read_text(path: Path) -> str:
+    try:
+        if not path.is_file():
+            raise ValueError(f"{path}: no such file; check rig.calibration.")
+        if (size := path.stat().st_size) > MAX_CALIBRATION_BYTES:
+            raise ValueError(f"{path}: {size / 2**20:.0f} MiB is no calibration; supported are {SUPPORTED}.")
+        data = path.read_bytes()
+    except OSError as error:
+        raise ValueError(f"{path}: cannot be read ({error.strerror}); check its permissions.") from error
+    encoding = "utf-16" if data[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig"
+    try:
+        text = data.decode(encoding)
+    except UnicodeDecodeError:
+        text = "\0"
+    if not text.strip() or "\0" in text:
+        raise ValueError(f"{path}: is {'binary' if text.strip() else 'empty'}; supported are {SUPPORTED}.")
+    return text
+
+
+def _read_assembly101(path: Path) -> dict[str, Camera]:
+    try:
+        return load_assembly101_calibration(path)
+    except RecursionError as error:
+        raise ValueError(f"{path}: its JSON is nested without end; supported are {SUPPORTED}.") from error
+
+
+@dataclass(frozen=True)
+class VideoMatch:
+    """Which video shows which camera.
+
+    Attributes:
+        video_by_camera: Matched pairs, by camera in the order of the calibration.
+        problems: One sentence for each video that is left over, by path.
+    """
+
+    video_by_camera: dict[str, Path]
+    problems: dict[Path, str]
+
+
+def match_videos(videos: Iterable[Path], camera_ids: Iterable[str]) -> VideoMatch:
+    """Match videos to cameras by file name.
+
+    The name without suffix must be the camera's; failing that, they must agree in letters (of either case) and digits;
+    failing that, one camera's name must be part of the file's (`Miqus_3_23087.avi` for camera 23087), where a number
+    counts only as a whole. Cameras without video are no problem: calibrations often hold marker cameras.
+
+    Args:
+        videos: Paths of the videos.
+        camera_ids: Names in the calibration.
+    """
+    names = list(camera_ids)
+    found: dict[str, list[Path]] = {}
+    problems: dict[Path, str] = {}
+    for video in sorted(videos):
+        candidates = _candidates(video.stem, names)
+        if len(candidates) == 1:
+            found.setdefault(candidates[0], []).append(video)
+        else:
+            known = ", ".join(candidates or names)
+            why = "could show several cameras" if candidates else "has the name of no camera of the calibration"
+            problems[video] = f"{video}: {why} ({known}); rename it to <camera>{video.suffix}."
+    for name, paths in found.items():
+        if len(paths) > 1:
+            shown = ", ".join(str(path) for path in paths)
+            problems |= {path: f"{path}: several videos claim camera {name} ({shown}); keep one." for path in paths}
+    return VideoMatch({name: found[name][0] for name in names if len(found.get(name, ())) == 1}, problems)
+
+
+def _candidates(stem: str, names: list[str]) -> list[str]:
+    if stem in names:
+        return [stem]
+    equal = [name for name in names if _plain(name) == _plain(stem)]
+    return equal or [name for name in names if _contains(_plain(stem, " "), _plain(name, " "))]
+
+
+def _plain(name: str, separator: str = "") -> str:
+    return separator.join(re.findall(r"[a-z]+|[0-9]+", name.lower()))
+
+
+def _contains(stem: str, name: str) -> bool:
+    """Whether the words and numbers of a name occur in a row in those of the stem."""
+    return bool(name) and f" {name} " in f" {stem} "
