@@ -1,11 +1,12 @@
 """Lens models: rays in the camera frame to normalised image coordinates, and exactly back.
 
 A normalised coordinate times the focal length plus the principal point is a pixel. Every model is defined on its
-valid field only: up to the turning point of its radial polynomial, in front of the camera (pinhole, OpenCV), at most
-180° off the axis (fisheye). Outside, both directions give NaN, because there a pixel has no single ray.
+valid field only, where it is one-to-one: in front of the camera (pinhole, OpenCV), at most 180° off the axis (fisheye),
+and in short up to the turning point of its radial polynomial. Outside, both directions give NaN, because there a pixel
+has no single ray.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar, Protocol
@@ -13,14 +14,14 @@ from typing import Any, ClassVar, Protocol
 import numpy as np
 import numpy.typing as npt
 
+from assemblyhands_core.geometry.root_finding import first_positive_root, newton, polynomial, slope, solve_2x2
+
 Floats = npt.NDArray[np.floating]
 Doubles = npt.NDArray[np.float64]
 
 COEFFICIENT_NAMES = ("k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2", "p3", "p4")
 """The order in which every lens stores its coefficients."""
 
-_TOLERANCE = 1e-12
-_MAX_ITERATIONS = 30
 _NUM_TABLE_SAMPLES = 1024
 _MAX_TAN = 1e3  # 89.94° off the axis: where the field of a perspective lens without turning point ends
 
@@ -82,14 +83,16 @@ class OpenCVLens:
         """Map rays `(..., 3)` to `(..., 2)`; NaN behind the camera plane and beyond the turning point."""
         points, dtype = _as_double(rays)
         plane = _perspective(points)
-        inside = _squared_norm(plane) <= self._max_radius**2
-        return self._map(np.where(inside[..., None], plane, np.nan)).astype(dtype, copy=False)
+        squared = _squared_norm(plane)
+        squared = np.where(squared <= self._max_radius**2, squared, np.nan)
+        radial = polynomial(self._numerator, squared) / polynomial(self._denominator, squared)
+        return self._map(plane, radial).astype(dtype, copy=False)
 
     def undistort(self, normalised: Floats) -> Floats:
         """Map `(..., 2)` to unit rays `(..., 3)` by Newton's method in the plane; NaN outside the valid field."""
         target, dtype = _as_double(normalised)
         flat = target.reshape(-1, 2)
-        plane = _newton(self._newton_step, flat, self._radial_start(flat))
+        plane = newton(self._newton_step, flat, self._radial_start(flat))
         plane[~(_squared_norm(plane) <= self._max_radius**2)] = np.nan
         return _unit_rays(plane).reshape(*target.shape[:-1], 3).astype(dtype, copy=False)
 
@@ -107,11 +110,16 @@ class OpenCVLens:
 
     @cached_property
     def _max_radius(self) -> float:
-        """Where d(r·N/D)/dr or D first vanishes; with s = r² the former is N D + 2 s (N' D - N D')."""
-        n, d = np.polynomial.Polynomial(self._numerator), np.polynomial.Polynomial(self._denominator)
-        turning = n * d + np.polynomial.Polynomial([0.0, 2.0]) * (n.deriv() * d - n * d.deriv())
-        squared = min(_first_positive_root(np.asarray(turning.coef)), _first_positive_root(np.asarray(d.coef)))
-        return min(float(np.sqrt(squared)), _MAX_TAN)
+        """The radius up to which the Jacobian is positive definite, so that the lens is one-to-one.
+
+        Its eigenvalues are at least those of the radial part, d(r·N/D)/dr and N/D, less 6 |p| r for the tangential one.
+        """
+        square = np.polynomial.Polynomial([0.0, 0.0, 1.0])
+        n, d = np.polynomial.Polynomial(self._numerator)(square), np.polynomial.Polynomial(self._denominator)(square)
+        tangential = np.polynomial.Polynomial([0.0, 6 * np.hypot(self.p1, self.p2)])
+        along = n * d + np.polynomial.Polynomial([0.0, 1.0]) * (n.deriv() * d - n * d.deriv()) - tangential * d * d
+        across = n - tangential * d
+        return min(_MAX_TAN, *(first_positive_root(condition.coef) for condition in (along, across, d)))
 
     @cached_property
     def _radius_table(self) -> tuple[Doubles, Doubles]:
@@ -121,15 +129,14 @@ class OpenCVLens:
 
     def _radial(self, s: Doubles) -> tuple[Doubles, Doubles]:
         """Return the radial factor and its derivative by s = r²."""
-        numerator, denominator = _polynomial(self._numerator, s), _polynomial(self._denominator, s)
+        numerator, denominator = polynomial(self._numerator, s), polynomial(self._denominator, s)
         factor = numerator / denominator
-        slope = (_slope(self._numerator, s) - factor * _slope(self._denominator, s)) / denominator
-        return factor, slope
+        return factor, (slope(self._numerator, s) - factor * slope(self._denominator, s)) / denominator
 
-    def _map(self, plane: Doubles) -> Doubles:
+    def _map(self, plane: Doubles, radial: Doubles) -> Doubles:
+        """Apply the lens, given the radial factor at the points."""
         a, b = plane[..., 0], plane[..., 1]
         s, ab = a * a + b * b, a * b
-        radial = _polynomial(self._numerator, s) / _polynomial(self._denominator, s)
         return np.stack(
             (
                 a * radial + 2 * self.p1 * ab + self.p2 * (s + 2 * a * a),
@@ -140,12 +147,12 @@ class OpenCVLens:
 
     def _newton_step(self, plane: Doubles, target: Doubles) -> tuple[Doubles, Doubles]:
         a, b = plane[:, 0], plane[:, 1]
-        radial, slope = self._radial(a * a + b * b)
-        error = self._map(plane) - target
-        cross = 2 * slope * a * b + 2 * self.p1 * a + 2 * self.p2 * b
-        du_da = radial + 2 * slope * a * a + 2 * self.p1 * b + 6 * self.p2 * a
-        dv_db = radial + 2 * slope * b * b + 6 * self.p1 * b + 2 * self.p2 * a
-        return error, _solve_2x2(du_da, cross, cross, dv_db, error)
+        radial, change = self._radial(a * a + b * b)
+        error = self._map(plane, radial) - target
+        cross = 2 * change * a * b + 2 * self.p1 * a + 2 * self.p2 * b
+        du_da = radial + 2 * change * a * a + 2 * self.p1 * b + 6 * self.p2 * a
+        dv_db = radial + 2 * change * b * b + 6 * self.p1 * b + 2 * self.p2 * a
+        return error, solve_2x2(du_da, cross, cross, dv_db, error)
 
     def _radial_start(self, target: Doubles) -> Doubles:
         """Invert the radial part alone from a table: close enough for Newton never to jump over the turning point."""
@@ -180,14 +187,14 @@ class OVFishEye62:
         off_axis = np.hypot(points[..., 0], points[..., 1])
         angle = np.arctan2(off_axis, points[..., 2])
         angle = np.where((angle <= self._max_angle) & ((off_axis > 0) | (points[..., 2] > 0)), angle, np.nan)
-        scale = angle * _polynomial(self._radial, angle * angle) / np.where(off_axis > 0, off_axis, 1.0)
+        scale = angle * polynomial(self._radial, angle * angle) / np.where(off_axis > 0, off_axis, 1.0)
         return self._add_tangential(points[..., :2] * scale[..., None]).astype(dtype, copy=False)
 
     def undistort(self, normalised: Floats) -> Floats:
         """Map `(..., 2)` to unit rays `(..., 3)`: Newton on the tangential map, then on the radial polynomial."""
         target, dtype = _as_double(normalised)
         flat = target.reshape(-1, 2)
-        radial_point = _newton(self._tangential_step, flat, flat.copy())
+        radial_point = newton(self._tangential_step, flat, flat.copy())
         radius = np.sqrt(_squared_norm(radial_point))
         angle = self._angle(radius)
         direction = radial_point / np.where(radius > 0, radius, 1.0)[:, None]
@@ -204,26 +211,33 @@ class OVFishEye62:
 
     @cached_property
     def _max_angle(self) -> float:
-        """The first angle where θ·poly(θ²) stops growing, at most π."""
-        powers = 2 * np.arange(len(self._radial)) + 1
-        return min(float(np.sqrt(_first_positive_root(self._radial * powers))), np.pi)
+        """The angle up to which the lens is one-to-one, at most π.
+
+        The radial part θ·poly(θ²) has to grow, and the Jacobian of the tangential part, whose eigenvalues are at least
+        1 - 6 |p| R, has to be positive definite.
+        """
+        radial = np.polynomial.Polynomial([0.0, 1.0]) * np.polynomial.Polynomial(self._radial)(
+            np.polynomial.Polynomial([0.0, 0.0, 1.0])
+        )
+        tangential = 1 - 6 * float(np.hypot(self.p1, self.p2)) * radial
+        return min(np.pi, first_positive_root(radial.deriv().coef), first_positive_root(tangential.coef))
 
     @cached_property
     def _angle_table(self) -> tuple[Doubles, Doubles]:
         angles = np.linspace(0.0, self._max_angle, _NUM_TABLE_SAMPLES)
-        return angles * _polynomial(self._radial, angles**2), angles
+        return angles * polynomial(self._radial, angles**2), angles
 
     def _angle(self, radius: Doubles) -> Doubles:
         """Invert θ·poly(θ²) = radius `(N,)`; NaN beyond the largest angle of the field."""
         distorted, angles = self._angle_table
         start = np.interp(radius, distorted, angles, right=np.nan)
-        return _newton(self._angle_step, radius[:, None], start[:, None])[:, 0]
+        return newton(self._angle_step, radius[:, None], start[:, None])[:, 0]
 
     def _angle_step(self, angle: Doubles, radius: Doubles) -> tuple[Doubles, Doubles]:
         s = angle * angle
-        factor = _polynomial(self._radial, s)
+        factor = polynomial(self._radial, s)
         error = angle * factor - radius
-        derivative = factor + 2 * s * _slope(self._radial, s)
+        derivative = factor + 2 * s * slope(self._radial, s)
         return error, error / np.where(derivative > 0, derivative, np.nan)
 
     def _add_tangential(self, point: Doubles) -> Doubles:
@@ -243,7 +257,7 @@ class OVFishEye62:
         cross = 2 * self.p1 * b + 2 * self.p2 * a
         du_da = 1 + 6 * self.p1 * a + 2 * self.p2 * b
         dv_db = 1 + 6 * self.p2 * b + 2 * self.p1 * a
-        return error, _solve_2x2(du_da, cross, cross, dv_db, error)
+        return error, solve_2x2(du_da, cross, cross, dv_db, error)
 
 
 def lens_from_coefficients(model: str, coefficients: Mapping[str, float] | npt.ArrayLike) -> Lens:
@@ -299,49 +313,3 @@ def _unit_rays(plane: Doubles) -> Doubles:
 
 def _squared_norm(plane: Doubles) -> Doubles:
     return np.asarray(plane[..., 0] ** 2 + plane[..., 1] ** 2)
-
-
-def _polynomial(coefficients: Doubles, s: Doubles) -> Doubles:
-    """Evaluate Σ c_i sⁱ by Horner's rule."""
-    value = np.full_like(s, coefficients[-1])
-    for coefficient in coefficients[-2::-1]:
-        value = value * s + coefficient
-    return value
-
-
-def _slope(coefficients: Doubles, s: Doubles) -> Doubles:
-    return _polynomial(coefficients[1:] * np.arange(1, len(coefficients)), s)
-
-
-def _first_positive_root(coefficients: npt.NDArray[Any]) -> float:
-    roots = np.polynomial.polynomial.polyroots(np.trim_zeros(coefficients, "b"))
-    real = roots[np.abs(roots.imag) < 1e-9].real
-    return float(real[real > 0].min(initial=np.inf))
-
-
-def _solve_2x2(a: Doubles, b: Doubles, c: Doubles, d: Doubles, right: Doubles) -> Doubles:
-    determinant = a * d - b * c
-    inverse = 1.0 / np.where(determinant > 0, determinant, np.nan)  # ≤ 0: the map folds here, there is no inverse
-    return np.stack((d * right[:, 0] - b * right[:, 1], a * right[:, 1] - c * right[:, 0]), axis=-1) * inverse[:, None]
-
-
-def _newton(step: Callable[[Doubles, Doubles], tuple[Doubles, Doubles]], target: Doubles, start: Doubles) -> Doubles:
-    """Solve for every row; only rows that have not converged keep iterating, rows that never do become NaN.
-
-    Args:
-        step: From rows of the solution and of the target to the error and to the Newton step that removes it.
-        target: `(N, K)`.
-        start: `(N, K)`, NaN where there is no solution; changed in place.
-    """
-    active = np.flatnonzero(np.isfinite(start).all(axis=1))
-    start[np.isnan(start).any(axis=1)] = np.nan
-    for _ in range(_MAX_ITERATIONS):
-        error, change = step(start[active], target[active])
-        allowed = _TOLERANCE * (1 + np.abs(target[active]).max(axis=1, initial=0))
-        unconverged = ~(np.abs(error).max(axis=1, initial=0) <= allowed)
-        active = active[unconverged]
-        if not len(active):
-            break
-        start[active] -= change[unconverged]
-    start[active] = np.nan
-    return start

@@ -110,7 +110,7 @@ class _Settings:
 def _checked_confidence(pixels: Doubles, num_cameras: int, confidence: npt.NDArray[np.floating] | None) -> Doubles:
     if pixels.ndim != 3 or pixels.shape[1:] != (num_cameras, 2):
         raise ValueError(f"Pixels have shape {pixels.shape}: expected (points, {num_cameras} cameras, 2).")
-    observed = np.isfinite(pixels).all(axis=-1)
+    observed: Mask = np.asarray(np.isfinite(pixels).all(axis=-1))
     if confidence is None:
         return observed.astype(np.float64)
     weights: Doubles = np.asarray(confidence, dtype=np.float64)
@@ -122,8 +122,7 @@ def _checked_confidence(pixels: Doubles, num_cameras: int, confidence: npt.NDArr
         raise ValueError(
             f"Confidence of point {point} in view {view} is {weights[point, view]}: give a number of at least 0."
         )
-    weights = np.where(observed, weights, 0.0)
-    return weights
+    return np.where(observed, weights, 0.0)
 
 
 def _triangulate_robustly(
