@@ -1,0 +1,45 @@
+import pytest
+
+from assemblyhands_core.data.catalog import CHUNKS, SOURCES, VIEWS
+from pipeline.dag import SOURCE_EDGE, TARGETS, Dag, build_dag
+from stages._contract import Stage, StageConfig
+
+
+def _stage(**inputs: object) -> Stage:
+    return Stage("s", 1, StageConfig, inputs, {"chunks": CHUNKS}, lambda *_: {}, "sequence")
+
+
+def test_the_pipeline_has_the_nodes_that_others_rely_on() -> None:
+    wanted = {"ingest", "undistort", "detect_hands", "crop_hands", "detect_keypoints", "round_0"}
+    assert wanted <= set(build_dag().nodes)
+    assert all(target in build_dag().nodes for targets in TARGETS.values() for target in targets)
+
+
+def test_a_target_takes_what_it_needs_and_no_more() -> None:
+    assert [node.name for node in build_dag().upto(("audit",))] == ["ingest", "audit"]
+    assert [node.name for node in build_dag().upto(("detect_hands",))] == ["ingest", "undistort", "detect_hands"]
+
+
+@pytest.mark.parametrize(
+    ("inputs", "edges", "message"),
+    [
+        ({"views": VIEWS}, {"views": "later.views"}, "no node later comes before it"),
+        ({"views": VIEWS}, {"views": "first.views"}, "first has only chunks"),
+        ({"views": VIEWS}, {"views": "first.chunks"}, "takes table views, first.chunks is table chunks"),
+        ({"views": VIEWS}, {}, "has the roles ['views'], not []"),
+        ({"sources": VIEWS}, {"sources": SOURCE_EDGE}, "takes table views, sources is table sources"),
+    ],
+)
+def test_a_wrong_edge_is_named(inputs: dict[str, object], edges: dict[str, str], message: str) -> None:
+    dag = Dag()
+    dag.add("first", _stage(sources=SOURCES), sources=SOURCE_EDGE)
+    with pytest.raises(ValueError, match="node second") as caught:
+        dag.add("second", _stage(**inputs), **edges)
+    assert message in str(caught.value)
+
+
+def test_a_repeated_name_is_refused() -> None:
+    dag = Dag()
+    dag.add("first", _stage(sources=SOURCES), sources=SOURCE_EDGE)
+    with pytest.raises(ValueError, match="added twice"):
+        dag.add("first", _stage(sources=SOURCES), sources=SOURCE_EDGE)
