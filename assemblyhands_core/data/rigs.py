@@ -42,7 +42,7 @@ def read_calibration(path: Path | str, unit: LengthUnit = "auto") -> dict[str, C
         except UnknownFormatError as error:
             raise ValueError(f"{path}: {error}; supported are {SUPPORTED}.") from error
         except ValueError as error:
-            raise ValueError(f"{path}: {error}.") from error
+            raise ValueError(f"{path}: {str(error).removesuffix('.')}.") from error
     if not cameras:
         raise ValueError(f"{path}: holds no camera; supported are {SUPPORTED}.")
     return cameras

@@ -101,7 +101,9 @@ def _array(table: dict[str, Any], key: str, shape: tuple[int, ...]) -> npt.NDArr
         array = np.array(np.nan)
     if array.ndim != len(shape) or (shape != (-1,) and array.shape != shape) or not np.isfinite(array).all():
         wanted = " x ".join(str(side) for side in shape).replace("-1", "n")
-        raise ValueError(f"{key} is {table[key]} instead of {wanted} finite numbers; correct it or calibrate again")
+        raise ValueError(
+            f"{key} is {str(table[key])[:80]} instead of {wanted} finite numbers; correct it or calibrate again"
+        )
     return array
 
 
