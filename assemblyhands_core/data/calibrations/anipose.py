@@ -116,7 +116,7 @@ def _unit(cameras: dict[str, Camera], is_pose2sim: bool) -> Literal["mm", "m"]:
         return "m"
     raise ValueError(
         f"its unit of length is unclear (the cameras are up to {spread:.3g} units apart, with no mark of Pose2Sim); "
-        "say it: rig.unit=mm or rig.unit=m"
+        "say it: stage.ingest.length_unit=mm or m"
     )
 
 
