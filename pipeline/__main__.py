@@ -2,13 +2,14 @@
 
 import shlex
 import sys
-from pathlib import Path
+from collections.abc import Callable
 
 import hydra
 from hydra.errors import HydraException
 from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 
+from pipeline.commands import execute
 from pipeline.config import CONF_FOLDER, UserError, check_config, unknown_key_message
 from pipeline.dag import TARGETS, build_dag
 
@@ -42,18 +43,31 @@ def main() -> int:
     command, overrides = _split_command(arguments)
     if not {"--cfg", "-c"} & set(overrides):
         _check_overrides([argument for argument in overrides if not argument.startswith("-")])
-    code = 0
+    command_line = shlex.join(["python", "-m", "pipeline", *arguments])
+    codes = [0]
 
-    @hydra.main(version_base="1.3", config_path=str(CONF_FOLDER), config_name="config")
     def job(composed: DictConfig) -> None:
-        nonlocal code
-        from pipeline.commands import execute
-
-        code = max(code, execute(command, check_config(composed, build_dag()), shlex.join(["python", "-m", "pipeline", *arguments])))
+        # Inside Hydra's wrapper, which would print a traceback for whatever comes out of here.
+        codes.append(_reported(lambda: execute(command, check_config(composed, build_dag()), command_line)))
 
     sys.argv = [sys.argv[0], *overrides]
-    job()
-    return code
+    hydra.main(version_base="1.3", config_path=str(CONF_FOLDER), config_name="config")(job)()
+    return max(codes)
+
+
+def _reported(action: Callable[[], int]) -> int:
+    """Return an action's exit code; a user's mistake becomes a sentence and the code 2."""
+    try:
+        return action()
+    except (UserError, HydraException, OmegaConfBaseException) as error:
+        print(f"error: {str(error).strip()}", file=sys.stderr)
+    except OSError as error:
+        place = f" ({error.filename})" if error.filename else ""
+        print(f"error: {error.strerror or error}{place}; nothing that was finished is lost", file=sys.stderr)
+    except KeyboardInterrupt:
+        print("interrupted: what was finished is kept; the same command goes on from there", file=sys.stderr)
+        return 130
+    return 2
 
 
 def _split_command(arguments: list[str]) -> tuple[str, list[str]]:
@@ -76,20 +90,5 @@ def _check_overrides(overrides: list[str]) -> None:
             raise UserError(message)
 
 
-def _entry() -> int:
-    try:
-        return main()
-    except (UserError, HydraException, OmegaConfBaseException) as error:
-        print(f"error: {str(error).strip()}", file=sys.stderr)
-    except OSError as error:
-        place = f" ({error.filename})" if error.filename else ""
-        print(f"error: {error.strerror or error}{place}; nothing that was finished is lost", file=sys.stderr)
-    except KeyboardInterrupt:
-        print("interrupted: what was finished is kept; the same command goes on from there", file=sys.stderr)
-        return 130
-    return 2
-
-
 if __name__ == "__main__":
-    sys.path.insert(0, str(Path.cwd()))
-    sys.exit(_entry())
+    sys.exit(_reported(main))

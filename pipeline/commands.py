@@ -2,6 +2,7 @@
 
 import fcntl
 import os
+import sys
 import time
 import uuid
 from collections.abc import Iterator
@@ -27,11 +28,12 @@ from pipeline.view import write_view
 from pipeline.work import SequenceWork
 
 _MAX_REPAIRS = 3
+_PLAIN_WIDTH = 140  # of lines that go to a file or a pipe
 
 
 def execute(command: str, config: RunConfig, command_line: str) -> int:
     """Carry out one command; return the exit code."""
-    console = Console()
+    console = Console() if sys.stdout.isatty() else Console(width=_PLAIN_WIDTH)
     config = config.model_copy(update={"workspace": config.workspace.absolute()})
     if command == "plan":
         return _plan(config, console)

@@ -4,16 +4,15 @@ import difflib
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
 from omegaconf import DictConfig, OmegaConf
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PrivateAttr, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, ValidationError
 
 from pipeline.dag import TARGETS, Dag
 from stages._contract import StageConfig
 
 CONF_FOLDER = Path(__file__).resolve().parents[1] / "conf"
-_PathField = Annotated[Path, BeforeValidator(lambda value: Path(value) if isinstance(value, str) else value)]
 
 
 class UserError(ValueError):
@@ -52,7 +51,7 @@ class RunConfig(_Model):
     seq: str
     target: str
     manifest: str | None
-    workspace: _PathField
+    workspace: Path
     run: str
     rig: RigConfig
     executor: ExecutorConfig
