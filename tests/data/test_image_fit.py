@@ -165,7 +165,10 @@ def test_the_demo_has_two_letterboxed_cameras(demo: Path, name: str, kind: str, 
 def test_the_demo_shows_its_background_where_the_fitted_camera_says(demo: Path, name: str) -> None:
     """Patches of the video are found in the still picture of the calibration at the mapped place, to about a pixel."""
     calibrated = read_calibration(demo / "calibration" / "Calib.qca.txt")[f"cam{name}"]
-    still = cv2.imread(str(demo / "calibration" / "extrinsics" / f"cam{name}_ext.png"), cv2.IMREAD_GRAYSCALE)
+    path = demo / "calibration" / "extrinsics" / f"cam{name}_ext.png"
+    if not path.is_file():
+        pytest.skip(f"{path} is absent: unpack the whole wheel to run this test")
+    still = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
     (_, image), *_ = VideoReader(demo / "videos" / f"cam{name}.mp4").frames(40, 1)
     fitted = fit_image(calibrated, image).camera
     assert still is not None and still.shape == (1920, 1088) and fitted is not None
