@@ -24,7 +24,7 @@ def decode_image(data: bytes) -> ImageRGB:
     Raises:
         ValueError: the bytes are no picture.
     """
-    bgr: Any = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_COLOR) if data else None
-    if bgr is None:
+    image: Any = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_COLOR_RGB) if data else None
+    if image is None:
         raise ValueError(f"{len(data)} bytes are no picture; skip rows that are not valid")
-    return np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), dtype=np.uint8)
+    return np.asarray(image, dtype=np.uint8)
