@@ -20,6 +20,7 @@ Mask = npt.NDArray[np.bool_]
 STEP_PX = 8.0
 MAX_RESIDUAL_PX = 0.02
 _MIN_STEP_PX = 1.0
+_MARGIN = 0.5  # of the larger side: how far windows may leave the rectified image and still be filled
 _MAX_CENTER_DISTANCE_MM = 1e-6
 _OUTSIDE_PX = -1.0e4  # where maps point when there is no source pixel: far off any image, finite for cv2.remap
 
@@ -170,7 +171,7 @@ class RemapGrid:
     def build(
         source: Camera, target: Camera, step_px: float = STEP_PX, max_residual_px: float = MAX_RESIDUAL_PX
     ) -> "RemapGrid":
-        """Sample the exact map, on the target image and a quarter of its size around it.
+        """Sample the exact map, on the target image and half its larger side around it.
 
         Args:
             source: The real camera.
@@ -258,7 +259,7 @@ def remap(image: npt.NDArray[Any], map_x: npt.NDArray[np.float32], map_y: npt.ND
 
 
 def _sample_grid(source: Camera, target: Camera, step_px: float) -> RemapGrid:
-    margin_px = step_px * np.ceil(max(target.width_px, target.height_px) / 4 / step_px)
+    margin_px = step_px * np.ceil(max(target.width_px, target.height_px) * _MARGIN / step_px)
     x = np.arange(-margin_px, target.width_px + margin_px + step_px, step_px)
     y = np.arange(-margin_px, target.height_px + margin_px + step_px, step_px)
     nodes = source_pixels(source, target, np.stack(np.meshgrid(x, y), axis=-1))

@@ -28,13 +28,13 @@ def refine(lines: Sightlines, points: Doubles, max_reprojection_px: float) -> Do
     refined = points.copy()
     active = np.flatnonzero(np.isfinite(points).all(axis=1))
     for _ in range(_MAX_STEPS):
+        if not len(active):
+            break
         lines_left = lines.select(active)
         moved = gauss_newton_step(lines_left, refined[active], max_reprojection_px)
         step_mm = np.abs(moved - refined[active]).max(axis=1, initial=0)
         refined[active] = moved
         active = active[step_mm > _CONVERGED_MM]
-        if not len(active):
-            break
     return refined
 
 
@@ -42,8 +42,8 @@ def gauss_newton_step(lines: Sightlines, points: Doubles, max_reprojection_px: f
     """Move all points one step towards the least weighted sum of squared pixel errors.
 
     With y = X - c, depth λ = ray · y and error r = rows y / λ, the derivative of r is (rows - r rayᵀ) / λ. Weights are
-    confidence² / (1 + |r|²/threshold²)² (Geman & McClure), and 0 behind a camera and beyond twice the threshold. A soft
-    end instead of a cut at the threshold loses 10 % less accuracy at noise of half the threshold and nothing below.
+    confidence² / (1 + |r|²/threshold²)² (Geman & McClure), and 0 behind a camera and beyond twice the threshold. A cut
+    at the threshold would cost another 10 % of accuracy where the noise is half as large as the threshold.
 
     Args:
         lines: Observations of P points by V views.
@@ -59,7 +59,7 @@ def gauss_newton_step(lines: Sightlines, points: Doubles, max_reprojection_px: f
     error = (lines.rows @ offset[..., None])[..., 0] * inverse_depth[..., None]
     weight = _weights(lines, error, depth > 0, max_reprojection_px)
     jacobian = (lines.rows - error[..., None] * lines.rays[:, :, None]) * inverse_depth[..., None, None]
-    shape = (len(points), -1)
+    shape = (len(points), 2 * lines.rays.shape[1])
     left = (jacobian * weight[..., None, None]).reshape(*shape, 3).swapaxes(1, 2)
     normal = left @ jacobian.reshape(*shape, 3)
     gradient = left @ error.reshape(*shape, 1)
