@@ -144,3 +144,4 @@ TARGETS: Final[Mapping[str, tuple[str, ...]]] = {
     "doctor": ("audit",),
     "undistort": ("undistort",),
 }
+LOOKING_TARGETS: Final = frozenset({"doctor"})  # they make nothing that anyone would go on with

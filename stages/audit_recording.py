@@ -16,7 +16,6 @@ from assemblyhands_core.detectors.bodies import BodiesInViews, detect_bodies
 from assemblyhands_core.detectors.options import detector_options
 from assemblyhands_core.detectors.registry import create_body_detector, fingerprint
 from assemblyhands_core.geometry.association import associate_persons, follow_person
-from assemblyhands_core.geometry.cameras import Camera
 from assemblyhands_core.geometry.synchronisation import Synchronisation, estimate_synchronisation
 from stages._contract import Context, Stage, StageConfig, Tables
 
@@ -35,6 +34,7 @@ class AuditRecordingConfig(StageConfig):
     max_shift_frames: int = Field(ge=1)
     min_seen_fraction: float = Field(ge=0, le=1)
     sync_gain: float = Field(gt=0, lt=1)
+    max_offset_px: float = Field(gt=0)
 
 
 def run(config: AuditRecordingConfig, inputs: Tables, context: Context) -> Tables:
@@ -86,7 +86,7 @@ def _bodies(config: AuditRecordingConfig, inputs: Tables, context: Context) -> I
         max_shift=config.max_shift_frames,
         max_reprojection_px=config.association_px,
     )
-    yield from _synchronisation(config, list(cameras), order, sync)
+    yield from _agreement(config, list(cameras), sync)
 
 
 def _detect(config: AuditRecordingConfig, views: list[dict[str, Any]], context: Context) -> BodiesInViews:
@@ -103,18 +103,24 @@ def _detect(config: AuditRecordingConfig, views: list[dict[str, Any]], context: 
     )
 
 
-def _synchronisation(
-    config: AuditRecordingConfig, names: list[str], cameras: list[Camera], sync: Synchronisation
-) -> Iterator[Finding]:
+def _agreement(config: AuditRecordingConfig, names: list[str], sync: Synchronisation) -> Iterator[Finding]:
+    """Yield whether each view runs in step with the others, and looks where its calibration says."""
     for view, name in enumerate(names):
         shift, now, best = int(sync.best_shift[view]), sync.error_now_px[view], sync.error_best_px[view]
-        if len(cameras) < 3 or np.isnan(now):
+        if np.isnan(now):
             yield "synchronisation", name, "warning", 0.0, "cannot be told: too little of the person in the other views"
-        elif shift and best < config.sync_gain * now:
+            continue
+        if shift and best < config.sync_gain * now:
             note = f"fits the others better when shifted by {-shift:+d} frames ({now:.1f} → {best:.1f} px)"
             yield "synchronisation", name, "warning", float(shift), note
         else:
             yield "synchronisation", name, "ok", 0.0, f"in step with the others ({now:.1f} px)"
+        right, down = sync.offset_px[view]
+        distance = float(np.hypot(right, down))
+        is_off = distance > config.max_offset_px
+        note = f"sees everything {right:+.0f} px right, {down:+.0f} px down of where the other views do"
+        remedy = "; was it moved or zoomed after the calibration?" if is_off else ""
+        yield "calibration", name, "warning" if is_off else "ok", distance, note + remedy
 
 
 def _options(config: AuditRecordingConfig, sequence_id: str) -> dict[str, Any]:

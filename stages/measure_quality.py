@@ -97,7 +97,7 @@ def _forearms(bodies: pa.Table) -> Iterator[Cell]:
 
 
 def _synchronisation(config: MeasureQualityConfig, inputs: Tables) -> Iterator[Cell]:
-    """Yield by how many frames each view would have to be shifted to fit the others best."""
+    """Yield how far each view is off from the others in time, and in where it looks."""
     cameras = valid_cameras(inputs["views"])
     if len(cameras) < 3:
         return
@@ -113,10 +113,12 @@ def _synchronisation(config: MeasureQualityConfig, inputs: Tables) -> Iterator[C
         "shift (frames)": found.best_shift,
         "error as recorded (px)": found.error_now_px,
         "error at that shift (px)": found.error_best_px,
+        "offset right (px)": found.offset_px[:, 0],
+        "offset down (px)": found.offset_px[:, 1],
     }
     for view, name in enumerate(cameras):
         for metric, values in metrics.items():
-            yield "synchronisation", name, metric, float(values[view]), len(keypoints_px)
+            yield "agreement of views", name, metric, float(values[view]), len(keypoints_px)
 
 
 def _by_frame_and_view(table: pa.Table, camera_ids: list[str]) -> tuple[Floats, Floats]:

@@ -54,6 +54,8 @@ class _Hands:
 def run(config: TriangulateConfig, inputs: Tables, context: Context) -> Tables:
     """Triangulate all frames, hands and joints of a shard at once."""
     cameras, keypoints = valid_cameras(inputs["views"]), inputs["keypoints"]
+    if not keypoints.num_rows:
+        return {"joints": JOINTS.empty(), "residuals": RESIDUALS.empty()}
     hands = _group(keypoints, list(cameras))
     pixels, confidence = _pivot(keypoints, hands, len(cameras), config.min_confidence)
     found = triangulate(

@@ -1,4 +1,8 @@
-"""Estimate from moving keypoints whether a view runs ahead of the others or behind them."""
+"""Estimate from moving keypoints whether a view agrees with the others: in time, and in where it looks.
+
+A view that runs late and a view whose calibration is off both reproject badly. They differ in what is left once the
+constant part is taken away: a calibration error is the same in all frames, a time shift changes with the motion.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -20,11 +24,15 @@ class Synchronisation:
 
     Attributes:
         shift: (S,) tried shifts in frames; with shift s the view shows at frame t what the others show at t - s.
-        error_px: (V, S) median reprojection error of the other views' 3D points; NaN where too little is seen.
+        error_px: (V, S) median reprojection error of the other views' 3D points, less its constant part; NaN where too
+            little is seen.
+        offset_px: (V, 2) the constant part at the best shift: how far right and down of where the others' points
+            should be this view sees them. Large against the error: the view's calibration is off.
     """
 
     shift: npt.NDArray[np.int64]
     error_px: Floats
+    offset_px: Floats
 
     @property
     def best_shift(self) -> npt.NDArray[np.int64]:
@@ -62,17 +70,25 @@ def estimate_synchronisation(
         max_reprojection_px: inlier threshold of the triangulation.
 
     Returns:
-        Errors by view and shift. Only motion tells: where nobody moves all shifts fit alike.
+        Errors by view and shift. Only motion that is not uniform tells: where nobody moves all shifts fit alike.
     """
     shift = np.arange(-max_shift, max_shift + 1)
-    error = np.full((len(cameras), len(shift)), np.nan)
+    error, offset = np.full((len(cameras), len(shift)), np.nan), np.full((len(cameras), len(shift), 2), np.nan)
     for view in range(len(cameras)):
         expected_px = _seen_by_others(keypoints_px, confidence, cameras, view, max_reprojection_px)
         for i, s in enumerate(shift):
-            distance = np.linalg.norm(_shifted(keypoints_px[:, view], -int(s)) - expected_px, axis=-1)
-            known = distance[np.isfinite(distance)]
-            error[view, i] = np.median(known) if len(known) >= _MIN_POINTS else np.nan
-    return Synchronisation(shift, error)
+            offset[view, i], error[view, i] = _offset_and_spread(_shifted(keypoints_px[:, view], -int(s)) - expected_px)
+    best = np.argmin(np.where(np.isnan(error), np.inf, error), axis=1)
+    return Synchronisation(shift, error, offset[np.arange(len(cameras)), best])
+
+
+def _offset_and_spread(difference_px: Floats) -> tuple[Floats, float]:
+    """Return the median of differences (F, K, 2), and the median distance from it."""
+    known = difference_px[np.isfinite(difference_px).all(axis=-1)]
+    if len(known) < _MIN_POINTS:
+        return np.full(2, np.nan), float("nan")
+    offset = np.median(known, axis=0)
+    return offset, float(np.median(np.linalg.norm(known - offset, axis=-1)))
 
 
 def _seen_by_others(

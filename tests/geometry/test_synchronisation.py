@@ -26,8 +26,9 @@ def _walk(speed_mm: float) -> np.ndarray:
 
 def _seen(cameras: list[Camera], points: np.ndarray, late_view: int, by: int) -> np.ndarray:
     seen = np.stack([camera.project(points) for camera in cameras], axis=1)
-    seen[by:, late_view] = seen[: NUM_FRAMES - by, late_view].copy()
-    seen[:by, late_view] = np.nan
+    if by:
+        seen[by:, late_view] = seen[: NUM_FRAMES - by, late_view].copy()
+        seen[:by, late_view] = np.nan
     return seen
 
 
@@ -38,6 +39,16 @@ def test_a_late_view_is_found_and_the_others_are_not_blamed() -> None:
     found = estimate_synchronisation(keypoints, confidence, cameras, max_shift=5, max_reprojection_px=2.0)
     assert found.best_shift.tolist() == [0, 0, 3, 0]
     assert found.error_best_px[2] < 1e-3 < 3.0 < found.error_now_px[2]
+
+
+def test_a_view_that_looks_elsewhere_is_not_taken_for_a_late_one() -> None:
+    cameras = _rig()
+    keypoints = _seen(cameras, _walk(6.0), late_view=0, by=0)
+    keypoints[:, 1] += [12.0, -5.0]
+    confidence = np.ones(keypoints.shape[:-1])
+    found = estimate_synchronisation(keypoints, confidence, cameras, max_shift=5, max_reprojection_px=2.0)
+    assert found.best_shift.tolist() == [0, 0, 0, 0]
+    np.testing.assert_allclose(found.offset_px, [[0, 0], [12, -5], [0, 0], [0, 0]], atol=1e-6)
 
 
 def test_too_little_to_see_says_nothing() -> None:
