@@ -98,7 +98,7 @@ class OpenCVLens:
 
     def coefficients(self) -> Doubles:
         """Return `(10,)`: k1..k6, p1, p2, 0, 0."""
-        return np.array([self.k1, self.k2, self.k3, self.k4, self.k5, self.k6, self.p1, self.p2, 0.0, 0.0])
+        return _stored(self)
 
     @cached_property
     def _numerator(self) -> Doubles:
@@ -114,10 +114,10 @@ class OpenCVLens:
 
         Its eigenvalues are at least those of the radial part, d(r·N/D)/dr and N/D, less 6 |p| r for the tangential one.
         """
-        square = np.polynomial.Polynomial([0.0, 0.0, 1.0])
-        n, d = np.polynomial.Polynomial(self._numerator)(square), np.polynomial.Polynomial(self._denominator)(square)
-        tangential = np.polynomial.Polynomial([0.0, 6 * np.hypot(self.p1, self.p2)])
-        along = n * d + np.polynomial.Polynomial([0.0, 1.0]) * (n.deriv() * d - n * d.deriv()) - tangential * d * d
+        r = np.polynomial.Polynomial([0.0, 1.0])
+        n, d = (np.polynomial.Polynomial(part)(r**2) for part in (self._numerator, self._denominator))
+        tangential = 6 * float(np.hypot(self.p1, self.p2)) * r
+        along = n * d + r * (n.deriv() * d - n * d.deriv()) - tangential * d * d
         across = n - tangential * d
         return min(_MAX_TAN, *(first_positive_root(condition.coef) for condition in (along, across, d)))
 
@@ -203,7 +203,7 @@ class OVFishEye62:
 
     def coefficients(self) -> Doubles:
         """Return `(10,)`: k1..k6, p1, p2, 0, 0."""
-        return np.array([self.k1, self.k2, self.k3, self.k4, self.k5, self.k6, self.p1, self.p2, 0.0, 0.0])
+        return _stored(self)
 
     @cached_property
     def _radial(self) -> Doubles:
@@ -216,9 +216,8 @@ class OVFishEye62:
         The radial part θ·poly(θ²) has to grow, and the Jacobian of the tangential part, whose eigenvalues are at least
         1 - 6 |p| R, has to be positive definite.
         """
-        radial = np.polynomial.Polynomial([0.0, 1.0]) * np.polynomial.Polynomial(self._radial)(
-            np.polynomial.Polynomial([0.0, 0.0, 1.0])
-        )
+        angle = np.polynomial.Polynomial([0.0, 1.0])
+        radial = angle * np.polynomial.Polynomial(self._radial)(angle**2)
         tangential = 1 - 6 * float(np.hypot(self.p1, self.p2)) * radial
         return min(np.pi, first_positive_root(radial.deriv().coef), first_positive_root(tangential.coef))
 
@@ -292,6 +291,10 @@ def _named_coefficients(coefficients: Mapping[str, float] | npt.ArrayLike) -> di
     if not set(named) <= set(COEFFICIENT_NAMES) or not np.isfinite(list(named.values())).all():
         raise ValueError(f"Lens coefficients {named} are wrong: give finite numbers named {COEFFICIENT_NAMES}.")
     return named
+
+
+def _stored(lens: OpenCVLens | OVFishEye62) -> Doubles:
+    return np.array([getattr(lens, name, 0.0) for name in COEFFICIENT_NAMES])
 
 
 def _as_double(values: Floats) -> tuple[Doubles, np.dtype[Any]]:

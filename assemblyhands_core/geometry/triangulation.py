@@ -21,7 +21,7 @@ from assemblyhands_core.geometry.sightlines import Sightlines, sightlines
 Doubles = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
-_BLOCK_POINTS = 4096
+_BLOCK_PIXELS = 1 << 16  # observations held in memory at once
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,9 +87,10 @@ def triangulate(
     weights = _checked_confidence(given, len(cameras), confidence)
     settings = _Settings(max_reprojection_px, min_views, min_parallax_rad, weighted=confidence is not None)
     solve = _triangulate_robustly if robust else _triangulate_linearly
+    size = max(1, _BLOCK_PIXELS // len(cameras))
     blocks = [
-        solve(given[begin : begin + _BLOCK_POINTS], cameras, weights[begin : begin + _BLOCK_POINTS], settings)
-        for begin in range(0, max(len(given), 1), _BLOCK_POINTS)
+        solve(given[begin : begin + size], cameras, weights[begin : begin + size], settings)
+        for begin in range(0, max(len(given), 1), size)
     ]
     return Triangulation(
         np.concatenate([block.points_world_mm for block in blocks]),
