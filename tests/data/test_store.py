@@ -1,0 +1,118 @@
+import os
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pytest
+
+from assemblyhands_core.data.digests import digest_json
+from assemblyhands_core.data.store import DamagedEntry, Record, Store, load
+from assemblyhands_core.data.tables import TableSpec
+
+SPEC = TableSpec(
+    "films", 1, ("frame",), pa.schema([("frame", pa.int64()), ("film_file", pa.string()), ("reason", pa.string())])
+)
+PARTS = {"stage": "film", "config": {"a": 1}}
+KEY = digest_json(PARTS)
+
+
+def _write(store: Store, num_rows: int = 2) -> Record:
+    table = SPEC.build({"frame": range(num_rows), "film_file": ["a.mp4"] * num_rows, "reason": ["", "dark"][:num_rows]})
+    with store.draft("film", PARTS) as draft:
+        (draft.folder / "a.mp4").write_bytes(b"film")
+        return draft.write({"films": (SPEC, table)}, 1.5)
+
+
+def test_an_entry_is_found_with_all_that_it_holds(tmp_path: Path) -> None:
+    store = Store(tmp_path)
+    assert store.find("film", KEY) is None
+    written = _write(store)
+    found = store.find("film", KEY)
+    assert found == written
+    assert found.key == KEY and found.blobs == {"a.mp4": 4} and found.parts == PARTS and found.seconds == 1.5
+    assert found.outputs["films"].reasons == {"": 1, "dark": 1} and found.outputs["films"].num_rows == 2
+
+
+def test_blobs_are_absolute_in_memory_and_relative_on_disk(tmp_path: Path) -> None:
+    store = Store(tmp_path)
+    record = _write(store)
+    path = Path(store.read(record, "films", SPEC)["film_file"][0].as_py())
+    assert path == store.entry("film", KEY) / "a.mp4" and path.read_bytes() == b"film"
+    assert pa.parquet.read_table(store.entry("film", KEY) / "films.parquet")["film_file"][0].as_py() == "a.mp4"
+
+
+def test_a_moved_workspace_still_works(tmp_path: Path) -> None:
+    record = _write(Store(tmp_path / "here"))
+    (tmp_path / "here").rename(tmp_path / "there")
+    table = Store(tmp_path / "there").read(record, "films", SPEC)
+    assert Path(table["film_file"][0].as_py()).read_bytes() == b"film"
+
+
+def test_an_error_while_writing_leaves_nothing(tmp_path: Path) -> None:
+    store = Store(tmp_path)
+    with pytest.raises(RuntimeError, match="stage broke"), store.draft("film", PARTS) as draft:
+        (draft.folder / "a.mp4").write_bytes(b"fi")
+        raise RuntimeError("stage broke")
+    assert list(store.entries()) == [] and list(store.leftovers()) == []
+
+
+def test_while_it_is_written_nobody_sees_it(tmp_path: Path) -> None:
+    store = Store(tmp_path)
+    with store.draft("film", PARTS) as draft:
+        draft.write({"films": (SPEC, SPEC.empty())}, 0.0)
+        assert store.find("film", KEY) is None and list(store.entries()) == []
+        assert draft.folder.name.startswith(".")
+    assert store.find("film", KEY) is not None
+
+
+def test_of_two_runs_that_write_the_same_entry_both_succeed(tmp_path: Path) -> None:
+    store = Store(tmp_path)
+    with store.draft("film", PARTS) as slow:
+        first = _write(store)
+        (slow.folder / "a.mp4").write_bytes(b"film")
+        second = slow.write(
+            {"films": (SPEC, store.read(first, "films", SPEC).set_column(1, "film_file", [["a.mp4"] * 2]))}, 9.0
+        )
+    assert second.digests == first.digests
+    assert store.find("film", KEY) == first and list(store.leftovers()) == []
+
+
+@pytest.mark.parametrize("file", ["films.parquet", "a.mp4", "record.json"])
+@pytest.mark.parametrize("harm", ["cut", "remove"])
+def test_a_damaged_entry_counts_as_absent_and_is_set_aside(tmp_path: Path, file: str, harm: str) -> None:
+    store = Store(tmp_path)
+    _write(store)
+    path = store.entry("film", KEY) / file
+    path.write_bytes(path.read_bytes()[:-1]) if harm == "cut" else path.unlink()
+    assert store.find("film", KEY) is None
+    assert not store.entry("film", KEY).exists() and len(list(store.leftovers())) == 1
+    assert _write(store).key == KEY
+
+
+def test_a_flipped_bit_is_found_on_reading(tmp_path: Path) -> None:
+    store = Store(tmp_path)
+    record = _write(store)
+    path = store.entry("film", KEY) / "films.parquet"
+    content = bytearray(path.read_bytes())
+    content[20] ^= 1
+    path.write_bytes(bytes(content))
+    with pytest.raises(DamagedEntry, match="set aside, run again"):
+        store.read(record, "films", SPEC)
+    assert store.find("film", KEY) is None
+
+
+def test_load_reads_a_node_of_the_latest_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    store = Store(tmp_path)
+    _write(store)
+    node = tmp_path / "runs" / "latest" / "shoot"
+    (node / "films").mkdir(parents=True)
+    (node / "manifest.json").write_text('{"tables": ["films", "other"]}')
+    target = store.entry("film", KEY) / "films.parquet"
+    (node / "films" / "one.parquet").symlink_to(os.path.relpath(target, node / "films"))
+    monkeypatch.setenv("ASSEMBLYHANDS_WORK", str(tmp_path))
+    frame = load("shoot")
+    assert frame.frame.tolist() == [0, 1]
+    assert [Path(p).read_bytes() for p in frame.film_file] == [b"film"] * 2
+    np.testing.assert_array_equal(load(target).frame, load(node, "films").frame)
+    with pytest.raises(FileNotFoundError, match="beside it there are: shoot"):
+        load("shot")

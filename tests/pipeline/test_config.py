@@ -1,0 +1,69 @@
+import hydra
+import pytest
+from omegaconf import DictConfig
+
+from pipeline.config import CONF_FOLDER, UserError, check_config, unknown_key_message
+from pipeline.dag import build_dag
+
+
+def _compose(*overrides: str) -> DictConfig:
+    with hydra.initialize_config_dir(str(CONF_FOLDER), version_base="1.3"):
+        return hydra.compose("config", list(overrides))
+
+
+def test_the_defaults_are_valid_and_frozen() -> None:
+    config = check_config(_compose(), build_dag())
+    assert config.seq == "pose2sim_single" and config.executor.name == "local"
+    with pytest.raises(ValueError, match="frozen"):
+        config.seq = "other"  # type: ignore[misc]
+    with pytest.raises(ValueError, match="frozen"):
+        config.stages["ingest"].chunk_frames = 1  # type: ignore[attr-defined]
+
+
+def test_overrides_reach_run_and_stages() -> None:
+    config = check_config(_compose("ingest.chunk_frames=25", "executor=serial", "seq=all"), build_dag())
+    assert config.stages["ingest"].model_dump()["chunk_frames"] == 25
+    assert (config.executor.name, config.seq) == ("serial", "all")
+
+
+@pytest.mark.parametrize(
+    ("override", "message"),
+    [
+        ("ingest.chunk_frames=0", r"ingest\.chunk_frames=0 is not possible: .*greater than or equal to 1"),
+        ("ingest.chunk_frames=many", r"ingest\.chunk_frames='many' is not possible: .*integer"),
+        ("executor.num_workers=-1", r"executor\.num_workers=-1 is not possible"),
+        ("target=fly", "target=fly is unknown; choose among annotate"),
+        ("+triangulate.extra=1", r"triangulate\.extra=1 is not possible: Extra inputs"),
+    ],
+)
+def test_a_wrong_value_is_named_with_what_is_allowed(override: str, message: str) -> None:
+    with pytest.raises(UserError, match=message):
+        check_config(_compose(override), build_dag())
+
+
+@pytest.mark.parametrize(
+    ("override", "near"),
+    [
+        ("ingest.chunk_frame=1", "did you mean ingest.chunk_frames?"),
+        ("zzz=x", "`--cfg job` prints all parameters"),
+        ("triangulte.max_reprojection_px=3", "did you mean triangulate.max_reprojection_px?"),
+        ("max_reprojection_px=3", "did you mean triangulate.max_reprojection_px?"),
+        ("executer=serial", "did you mean executor?"),
+    ],
+)
+def test_an_unknown_key_gets_the_nearest_name(override: str, near: str) -> None:
+    message = unknown_key_message([override], _compose())
+    assert message is not None and message.startswith(f"there is no parameter {override.split('=')[0]}")
+    assert near in message
+
+
+def test_known_keys_groups_and_additions_pass() -> None:
+    overrides = [
+        "seq=a",
+        "executor=serial",
+        "executor.num_workers=2",
+        "rig.videos='*.mp4'",
+        "+new.key=1",
+        "hydra.verbose=true",
+    ]
+    assert unknown_key_message(overrides, _compose()) is None

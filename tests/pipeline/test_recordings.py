@@ -1,0 +1,100 @@
+from pathlib import Path
+
+import pytest
+
+from assemblyhands_core.data.digests import FileDigests
+from pipeline.config import ExecutorConfig, GcConfig, RigConfig, RunConfig, UserError
+from pipeline.recordings import select_recordings
+
+HEADER = "sequence_id,split,calibration,videos,package\n"
+
+
+def _config(folder: Path, seq: str, **changes: object) -> RunConfig:
+    values = {
+        "seq": seq, "target": "annotate", "manifest": str(folder / "*.csv"), "workspace": folder / "work", "run": "",
+        "rig": RigConfig(calibration=None, videos=None), "gc": GcConfig(keep_runs=1, dry_run=False),
+        "executor": ExecutorConfig(name="serial", num_workers=1, memory_limit="auto"),
+    }  # fmt: skip
+    return RunConfig(**{**values, **changes})
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    for name in ("s1", "s2"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "calib.json").write_text("{}")
+        for camera in ("camA", "camB"):
+            (tmp_path / name / f"{camera}.mp4").write_bytes(camera.encode())
+    rows = [f"{name},test,{name}/calib.json,{name}/*.mp4," for name in ("s1", "s2")]
+    (tmp_path / "set.csv").write_text(HEADER + "\n".join(rows) + "\n")
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    ("seq", "names"),
+    [("s1", ["s1"]), ("s2,s1", ["s2", "s1"]), ("s*", ["s1", "s2"]), ("all", ["s1", "s2"]), ("s1,s*", ["s1", "s2"])],
+)
+def test_names_lists_globs_and_all(folder: Path, seq: str, names: list[str]) -> None:
+    assert [recording.sequence_id for recording in select_recordings(_config(folder, seq))] == names
+
+
+def test_cameras_are_named_by_their_files(folder: Path) -> None:
+    recording = select_recordings(_config(folder, "s1"))[0]
+    assert recording.videos == {"camA": folder / "s1/camA.mp4", "camB": folder / "s1/camB.mp4"}
+    rows = recording.source_rows(FileDigests(folder / "memory.json"))
+    assert [(row["role"], row["name"]) for row in rows] == [
+        ("calibration", "calibration"),
+        ("video", "camA"),
+        ("video", "camB"),
+    ]
+    assert len({row["sha256"] for row in rows}) == 3
+
+
+def test_a_rig_of_ones_own_needs_no_manifest(folder: Path) -> None:
+    rig = RigConfig(calibration=str(folder / "s1/calib.json"), videos=str(folder / "s1/*.mp4"))
+    recordings = select_recordings(_config(folder, "mine", rig=rig))
+    assert [recording.sequence_id for recording in recordings] == ["mine"]
+    assert list(recordings[0].videos) == ["camA", "camB"]
+
+
+@pytest.mark.parametrize(
+    ("seq", "rig", "message"),
+    [
+        ("s9", {}, "there is no sequence s9; the manifest has s1, s2"),
+        ("x", {"calibration": "calib.json"}, r"takes both rig\.calibration=PATH and rig\.videos='GLOB'"),
+        ("x", {"calibration": "no.json", "videos": "*.mp4"}, r"sequence x: the calibration no\.json does not exist"),
+        ("a/b", {"calibration": "c", "videos": "*.mp4"}, "'a/b' cannot name a sequence"),
+        ("../x", {"calibration": "c", "videos": "*.mp4"}, "cannot name a sequence"),
+    ],
+)
+def test_mistakes_are_sentences(folder: Path, seq: str, rig: dict[str, str], message: str) -> None:
+    config = _config(folder, seq, rig=RigConfig(**{"calibration": None, "videos": None, **rig}))
+    with pytest.raises(UserError, match=message):
+        select_recordings(config)
+
+
+def test_two_cameras_of_one_name_are_refused(folder: Path) -> None:
+    (folder / "s2/camA.avi").write_bytes(b"")
+    rig = RigConfig(calibration=str(folder / "s1/calib.json"), videos=str(folder / "s2/*"))
+    (folder / "s2/camB.avi").write_bytes(b"")
+    with pytest.raises(UserError, match="have the same name, so cameras get mixed up"):
+        select_recordings(_config(folder, "mine", rig=rig))
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("sequence_id,split\ns1,test\n", "has no column calibration, package, videos"),
+        (HEADER + "s1,t,a,b,\ns1,t,a,b,\n", "stands in the manifest twice"),
+        (HEADER + "s1,t,c.json,*.mp4,unheard_of\n", "packages.json has no package unheard_of"),
+    ],
+)
+def test_a_wrong_manifest_is_named(tmp_path: Path, text: str, message: str) -> None:
+    (tmp_path / "set.csv").write_text(text)
+    with pytest.raises(UserError, match=message):
+        select_recordings(_config(tmp_path, "s1"))
+
+
+def test_a_manifest_that_is_not_there_is_named(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match="names no file"):
+        select_recordings(_config(tmp_path, "s1"))
