@@ -58,10 +58,10 @@ class VideoInfo:
 
 
 def probe(path: Path | str) -> VideoInfo:
-    """Audit a video: read all its packets (nothing is decoded but the first frame).
+    """Audit a video: read all its packets (nothing but its first sound frame is decoded).
 
     Raises:
-        VideoError: the file is missing, no video, without frames, or its first frame cannot be decoded.
+        VideoError: the file is missing, no video, without frames, or no frame of it can be decoded.
     """
     path = Path(path)
     with opened(path) as (container, stream):
@@ -70,8 +70,8 @@ def probe(path: Path | str) -> VideoInfo:
         nominal_hz = Fraction(stream.average_rate or stream.guessed_rate or 0)
         num_frames_header, codec = int(stream.frames), str(stream.codec_context.name)
         frame = next(decoded_from(container, stream, int(timeline.pts[0])), None)
-    if frame is None or frame.pts != timeline.pts[0]:
-        raise _undecodable(path, 0, is_at_end=frame is None)
+    if frame is None:
+        raise _undecodable(path, 0, is_at_end=False)
     gap_s = _mean_gap_s(timeline.pts, tick_s, nominal_hz)
     width_px, height_px = _shown_size(frame.width, frame.height, frame.rotation)
     return VideoInfo(
@@ -120,7 +120,7 @@ class VideoReader:
             first = next(decoded_from(container, stream, int(self._timeline.pts[0])), None)
             self.rate_hz = Fraction(stream.average_rate or stream.guessed_rate or 0)
         if first is None:
-            raise _undecodable(self.path, 0, is_at_end=True)
+            raise _undecodable(self.path, 0, is_at_end=False)
         self._rotation_deg = first.rotation % 360
         self.width_px, self.height_px = _shown_size(first.width, first.height, self._rotation_deg)
         self.num_frames = len(self._timeline.pts)
@@ -326,7 +326,7 @@ def _is_constant_rate(pts: NDArray[np.int64]) -> bool:
 
 
 def _undecodable(path: Path, frame: int, is_at_end: bool) -> VideoError:
-    if is_at_end:
+    if is_at_end and frame:
         text = f"{path}: ends before frame {frame} could be decoded; copy it again, or use frames 0 to {frame - 1}"
         return VideoError(text, "truncated_file", str(path), frame)
     text = f"{path}: frame {frame} cannot be decoded, its data are damaged; copy the file again, or leave the frame out"

@@ -129,7 +129,7 @@ def _timeline_of_sample_table(path: Path, container: Any, stream: Any) -> Timeli
     is_complete = entries[-1].pos + entries[-1].size <= path.stat().st_size
     head = [packet.pts for packet in islice(_packets(container, stream), _MAX_REORDERING)]
     # The table is in decoding order; at constant rate presentation is the same row of ticks, begun at the key frame.
-    if not is_complete or not head or None in head or head[0] != min(head) or gaps.min() != gaps.max():
+    if not is_complete or not head or None in head or head[0] != min(head) or not 0 < gaps.min() == gaps.max():
         return None
     return Timeline(head[0] + np.arange(len(entries), dtype=np.int64) * int(gaps[0]), is_truncated=False)
 
