@@ -87,8 +87,7 @@ RECTIFIED_VIEWS: Final = TableSpec(
             ("round_trip_residual_px", pa.float64()),
             ("grid_residual_px", pa.float64()),
             ("grid_step_px", pa.int32()),
-            ("grid", pa.binary()),  # source pixel of every step-th rectified pixel, float32 (rows, columns, 2)
-            ("grid_rows", pa.int32()),
+            ("grid", pa.binary()),  # RemapGrid.to_bytes(): source pixel of every step-th rectified pixel
             ("rectified_file", _TEXT),
             ("rectified_sha256", _TEXT),
             *_OUTCOME,
