@@ -38,6 +38,17 @@ def test_opencv_by_hand() -> None:
     np.testing.assert_allclose(distorted, [0.565, 0.0025], rtol=0, atol=1e-15)
 
 
+def test_tangential_terms_by_hand_off_the_axes() -> None:
+    # OpenCV, (a, b) = (1, 2), r² = 5: u = 1 + 4 p1 + p2 (5 + 2), v = 2 + p1 (5 + 8) + 4 p2
+    distorted = OpenCVLens(p1=0.01, p2=0.002).distort(np.array([1.0, 2.0, 1.0]))
+    np.testing.assert_allclose(distorted, [1 + 0.04 + 0.014, 2 + 0.13 + 0.008], rtol=0, atol=1e-15)
+    # fisheye, θ = 1 at (0.6, 0.8), R² = 1: u = 0.6 + 1.72 p1 + 0.96 p2, v = 0.8 + 2.28 p2 + 0.96 p1
+    ray = np.array([0.6 * np.sin(1), 0.8 * np.sin(1), np.cos(1)])
+    distorted = OVFishEye62(p1=0.01, p2=0.002).distort(ray)
+    expected = [0.6 + 0.0172 + 0.00192, 0.8 + 0.00456 + 0.0096]
+    np.testing.assert_allclose(distorted, expected, rtol=0, atol=1e-15)
+
+
 def test_opencv_rational_by_hand() -> None:
     # r² = 1: radial (1 + 1) / (1 + 3)
     distorted = OpenCVLens(k1=1.0, k4=3.0).distort(np.array([0.0, 1.0, 1.0]))
