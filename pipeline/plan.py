@@ -77,6 +77,8 @@ def _why(work: SequenceWork, to_run: Sequence[Task], store: Store, history: Hist
 def _why_task(work: SequenceWork, task: Task, store: Store, history: History) -> str:
     if running := _running_upstream(work, task):
         return f"{', '.join(running)} runs first"
+    if task.problem:
+        return task.problem
     old = history.last_record(task.node, task.shard, store)
     if old is None:
         return "not computed before"

@@ -39,6 +39,8 @@ class Task:
 
     Attributes:
         config: the stage's parameters, validated.
+        externals: what the result depends on beyond config and tables, as the stage said once for the whole run.
+        problem: why the stage cannot run at all (a package or file is missing); empty if it can.
         sources: rows of the ``sources`` table, for a node that reads the recording's files.
         workspace, log: where the store and this shard's log lie.
         num_threads: threads that the stage may use.
@@ -47,6 +49,8 @@ class Task:
     node: Node
     shard: Shard
     config: StageConfig
+    externals: Mapping[str, str]
+    problem: str
     sources: tuple[Mapping[str, str], ...]
     workspace: Path
     log: Path
@@ -90,13 +94,15 @@ def key_parts(task: Task, upstream: Upstream) -> dict[str, Any]:
         "version": stage.version,
         "tables": {name: f"{spec.name} v{spec.version}" for name, spec in {**stage.inputs, **stage.outputs}.items()},
         "config": task.config.model_dump(mode="json"),
-        "externals": dict(stage.externals(task.config, task.shard.sequence_id)),
+        "externals": dict(task.externals),
         "inputs": {role: _input_digests(task, edge, upstream) for role, edge in task.node.inputs.items()},
     }
 
 
 def find_entry(task: Task, upstream: Upstream, store: Store) -> Result | None:
     """Return the result of a shard whose entry is already in the store."""
+    if task.problem:
+        return None
     stage = task.node.stage
     record = store.find(stage.name, digest_json(key_parts(task, upstream)))
     return None if record is None else _result(task, "reused", record)
@@ -106,6 +112,8 @@ def run_task(task: Task, upstream: Upstream) -> Result:
     """Reuse or compute one shard; errors become results, so that they stop only what depends on them."""
     if missing := sorted({name for name, results in upstream.items() if not all(r.has_entry for r in results)}):
         return Result(task.node.name, task.shard, "blocked", error=f"needs {', '.join(missing)}")
+    if task.problem:
+        return Result(task.node.name, task.shard, "failed", error=task.problem)
     try:
         store = Store(task.workspace)
         return find_entry(task, upstream, store) or _compute(task, upstream, store)

@@ -11,6 +11,7 @@ from pipeline.config import RunConfig
 from pipeline.dag import Node
 from pipeline.recordings import Recording
 from pipeline.tasks import Result, Shard, Task
+from stages._contract import StageConfig
 
 Handle = Any  # a Result, or an executor's promise of one
 
@@ -34,6 +35,7 @@ class SequenceWork:
     chunk_frames: list[int] | None = None
     is_cut: bool = False
     handles: dict[str, dict[Shard, Handle]] = field(default_factory=dict)
+    _known_externals: dict[str, tuple[Mapping[str, str], str]] = field(default_factory=dict)
 
     def known_nodes(self) -> Iterator[Node]:
         """Yield the nodes whose shards are known by now."""
@@ -87,4 +89,15 @@ class SequenceWork:
     def _task(self, node: Node, shard: Shard) -> Task:
         config = self.config.stages[node.stage.name]
         log = self.logs / f"{node.name}-{shard}.log"
-        return Task(node, shard, config, self.sources, self.config.workspace, log, self.num_threads)
+        externals, problem = self._externals(node, config)
+        return Task(node, shard, config, externals, problem, self.sources, self.config.workspace, log, self.num_threads)
+
+    def _externals(self, node: Node, config: StageConfig) -> tuple[Mapping[str, str], str]:
+        """Return a node's externals and what is wrong with them; asked once, as digesting files takes time."""
+        if node.name not in self._known_externals:
+            try:
+                found = node.stage.externals(config, self.recording.sequence_id), ""
+            except (ValueError, OSError) as error:
+                found = {}, str(error)
+            self._known_externals[node.name] = found
+        return self._known_externals[node.name]

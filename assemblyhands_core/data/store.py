@@ -9,18 +9,20 @@ import json
 import os
 import shutil
 import uuid
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, cast
 
-import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
 from assemblyhands_core.data.digests import digest_json
 from assemblyhands_core.data.tables import BLOB_SUFFIX, TableError, TableSpec, read_parquet, write_parquet
+
+if TYPE_CHECKING:
+    import pandas as pd  # notebooks have it; the engine starts faster without
 
 _RECORD = "record.json"
 _PARQUET_MAGIC = b"PAR1"
@@ -135,7 +137,7 @@ class Store:
         except TableError as error:
             self._discard(folder)
             raise DamagedEntry(f"{folder / output}.parquet: {error}; the entry was set aside, run again") from error
-        return _with_blob_paths(table, spec, folder)
+        return _absolute(table, spec.blobs, folder)
 
     @contextmanager
     def draft(self, stage: str, parts: Mapping[str, Any]) -> Iterator["Draft"]:
@@ -176,7 +178,7 @@ class Store:
             folder.rename(target)
 
 
-def load(path_or_node: str | Path, table: str | None = None, *, run: str = "latest") -> pd.DataFrame:
+def load(path_or_node: str | Path, table: str | None = None, *, run: str = "latest") -> "pd.DataFrame":
     """Return a table of a run as a DataFrame, for notebooks.
 
     Args:
@@ -200,8 +202,7 @@ def load(path_or_node: str | Path, table: str | None = None, *, run: str = "late
     if not files or not path.exists():
         there = sorted(p.name for p in path.parent.glob("*")) if path.parent.is_dir() else []
         raise FileNotFoundError(f"{path} holds no table; beside it there are: {', '.join(there) or 'no files'}")
-    table_frame: pd.DataFrame = pd.concat([_load_file(file) for file in files], ignore_index=True)
-    return table_frame
+    return cast("pd.DataFrame", pa.concat_tables([_load_file(file) for file in files]).to_pandas())
 
 
 def workspace_folder() -> Path:
@@ -209,17 +210,15 @@ def workspace_folder() -> Path:
     return Path(os.environ.get("ASSEMBLYHANDS_WORK", "work")).absolute()
 
 
-def _load_file(path: Path) -> pd.DataFrame:
-    real = path.resolve()
-    frame = pq.read_table(real).to_pandas()
-    for name in frame.columns:
-        if name.endswith(BLOB_SUFFIX):
-            frame[name] = [str(real.parent / value) if value else "" for value in frame[name]]
-    return frame
+def _load_file(file: Path) -> pa.Table:
+    real = file.resolve()
+    table = pq.read_table(real).replace_schema_metadata(None)
+    return _absolute(table, [name for name in table.schema.names if name.endswith(BLOB_SUFFIX)], real.parent)
 
 
-def _with_blob_paths(table: pa.Table, spec: TableSpec, folder: Path) -> pa.Table:
-    for name in spec.blobs:
+def _absolute(table: pa.Table, blobs: Sequence[str], folder: Path) -> pa.Table:
+    """Return a table whose blob columns are paths in a folder instead of names."""
+    for name in blobs:
         paths = [str(folder / value) if value else "" for value in table.column(name).to_pylist()]
         table = table.set_column(table.schema.get_field_index(name), name, pa.array(paths, pa.string()))
     return table

@@ -3,14 +3,14 @@
 import os
 import warnings
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any, Final
 
 import cv2
 import numpy as np
 
 from assemblyhands_core.data.digests import digest_file
-from assemblyhands_core.detectors._packages import import_package, package_version
+from assemblyhands_core.detectors._mediapipe_hands import HandLandmarkModel, landmarks_px, search_hand
+from assemblyhands_core.detectors._packages import import_package, package_folder, package_version
 from assemblyhands_core.detectors.base import (
     BodyDetections,
     DetectorError,
@@ -31,8 +31,6 @@ COCO_FROM_BLAZEPOSE: Final = (0, 2, 5, 7, 8, 11, 12, 13, 14, 15, 16, 23, 24, 25,
 _MODEL_FILES: Final = (
     "modules/pose_detection/pose_detection.tflite",
     "modules/pose_landmark/pose_landmark_full.tflite",
-    "modules/palm_detection/palm_detection_full.tflite",
-    "modules/palm_detection/palm_detection_lite.tflite",
     "modules/hand_landmark/hand_landmark_full.tflite",
     "modules/hand_landmark/hand_landmark_lite.tflite",
 )
@@ -63,7 +61,8 @@ class MediapipeBody:
         self._max_persons = max_persons
         self._min_confidence = min_confidence
         # Static mode: without tracking from frame to frame a result depends on its image alone.
-        self._pose = _solution("pose").Pose(
+        _silence()
+        self._pose = import_package("mediapipe.python.solutions.pose", _INSTALL).Pose(
             static_image_mode=True, model_complexity=model_complexity, min_detection_confidence=min_confidence
         )
 
@@ -95,36 +94,36 @@ class MediapipeBody:
 
 
 class MediapipeHands:
-    """One hand of a crop by MediaPipe Hands."""
+    """One hand of a crop by MediaPipe's hand landmark model."""
 
     needs_image = True
 
     def __init__(
         self,
-        min_confidence: float = 0.3,
+        min_confidence: float = 0.5,
         model_complexity: int = 1,
-        input_px: int = 384,
-        max_hands: int = 2,
+        region: float = 0.75,
+        num_directions: int = 4,
+        num_refinements: int = 2,
     ) -> None:
-        """Load the models.
+        """Load the model.
 
         Args:
-            min_confidence: palm detection threshold.
-            model_complexity: 0 or 1, the landmark model.
-            input_px: the crop is resized to this side before detection; the palm detector itself works at 192.
-            max_hands: how many hands of the crop to choose from.
+            min_confidence: least belief of the model that it sees a hand.
+            model_complexity: 0 or 1; 0 is faster and finds less.
+            region: share of the crop's side that is looked at first.
+            num_directions: in how many directions the fingers may point at first.
+            num_refinements: how often the region is placed anew around the hand found.
 
         Raises:
             DetectorError: mediapipe is not installed.
         """
-        self._input_px = input_px
-        self._hands = _solution("hands").Hands(
-            static_image_mode=True,
-            model_complexity=model_complexity,
-            max_num_hands=max_hands,
-            min_detection_confidence=min_confidence,
-            min_tracking_confidence=min_confidence,
-        )
+        _silence()
+        self._model = HandLandmarkModel(model_complexity, _INSTALL)
+        self._min_confidence = min_confidence
+        self._region = region
+        self._num_directions = num_directions
+        self._num_refinements = num_refinements
 
     def detect(
         self,
@@ -134,39 +133,16 @@ class MediapipeHands:
         frame: int,
         expected_px: FloatArray | None = None,
     ) -> HandDetection | None:
-        """Return the hand of a square crop (S, S, 3), or None where no hand is found."""
+        """Return the hand of a crop (H, W, 3), every joint as sure as the hand; None where no hand is found."""
         image = _contiguous(image_rgb, camera_id, frame)
         height, width = image.shape[:2]
-        size = (self._input_px, self._input_px * height // width)
-        result = self._hands.process(cv2.resize(image, size, interpolation=cv2.INTER_LINEAR))
         center = np.array([(width - 1) / 2, (height - 1) / 2]) if expected_px is None else expected_px
-        return choose_hand(result, hand, width, height, center)
-
-
-def choose_hand(result: Any, hand: Hand, width_px: int, height_px: int, center_px: FloatArray) -> HandDetection | None:
-    """Return the hand of a MediaPipe result that is most likely the one looked for.
-
-    MediaPipe names hands as in a mirrored (selfie) picture, so its "Left" is a right hand of an ordinary image.
-
-    Args:
-        result: what ``Hands.process`` returns.
-        hand: which hand is looked for.
-        width_px: width of the image that the normalised landmarks refer to.
-        height_px: its height.
-        center_px: (2,) where the hand should be.
-    """
-    if not result.multi_hand_landmarks:
-        return None
-    mirrored = "Left" if hand == "right" else "Right"
-    candidates = []
-    for landmarks, handedness in zip(result.multi_hand_landmarks, result.multi_handedness, strict=True):
-        best = handedness.classification[0]
-        probability = best.score if best.label == mirrored else 1.0 - best.score
-        keypoints = landmarks_px(landmarks.landmark, width_px, height_px)
-        distance = np.linalg.norm(np.mean(keypoints, axis=0) - center_px) / max(width_px, height_px)
-        candidates.append((probability - distance, probability, from_wrist_first(keypoints)))
-    _, probability, keypoints = max(candidates, key=lambda candidate: candidate[0])
-    return HandDetection(*masked(keypoints, np.full(len(keypoints), probability)))
+        side_px = self._region * min(height, width)
+        look = search_hand(self._model, image, hand, center, side_px, self._num_directions, self._num_refinements)
+        if look.presence < self._min_confidence:
+            return None
+        keypoints_px = from_wrist_first(look.keypoints_px)
+        return HandDetection(*masked(keypoints_px, np.full(len(keypoints_px), look.presence)))
 
 
 def body_from_landmarks(landmarks: Any, width_px: int, height_px: int) -> tuple[FloatArray, FloatArray]:
@@ -178,13 +154,6 @@ def body_from_landmarks(landmarks: Any, width_px: int, height_px: int) -> tuple[
     visibility = np.array([landmarks[i].visibility for i in COCO_FROM_BLAZEPOSE], dtype=np.float64)
     inside = ((keypoints >= -0.5) & (keypoints <= np.array([width_px, height_px]) - 0.5)).all(axis=-1)
     return masked(keypoints, np.where(inside, visibility, 0.0))
-
-
-def landmarks_px(landmarks: Any, width_px: int, height_px: int) -> FloatArray:
-    """Return (n, 2) pixels of normalised landmarks; 0 is the image's left edge, at -0.5 px, and 1 its right edge."""
-    normalised = np.array([(landmark.x, landmark.y) for landmark in landmarks], dtype=np.float64)
-    pixels: FloatArray = normalised * np.array([width_px, height_px]) - 0.5
-    return pixels
 
 
 def paint_over(image_rgb: ImageRGB, keypoints_px: FloatArray) -> ImageRGB:
@@ -211,17 +180,15 @@ def paint_over(image_rgb: ImageRGB, keypoints_px: FloatArray) -> ImageRGB:
 def fingerprint(options: Mapping[str, Any]) -> dict[str, str]:
     """Return mediapipe's version and the sha256 of the model files in its wheel."""
     version = package_version("mediapipe", _INSTALL)
-    folder = Path(import_package("mediapipe", _INSTALL).__file__).parent
+    folder = package_folder("mediapipe", _INSTALL)  # importing it would cost every run a second
     return {"mediapipe": version} | {file: digest_file(folder / file) for file in _MODEL_FILES}
 
 
-def _solution(name: str) -> Any:
-    # As quiet as it can be made from here: set before the C++ library is loaded.
+def _silence() -> None:
+    """Make mediapipe as quiet as the environment can, before its C++ library is loaded."""
     os.environ.setdefault("GLOG_minloglevel", "3")
     os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
     warnings.filterwarnings("ignore", message="SymbolDatabase.GetPrototype", category=UserWarning)
-    import_package("mediapipe", _INSTALL)
-    return import_package(f"mediapipe.python.solutions.{name}", _INSTALL)
 
 
 def _contiguous(image_rgb: ImageRGB | None, camera_id: str, frame: int) -> ImageRGB:
