@@ -34,13 +34,16 @@ class PrecomputedBody:
 
     needs_image = False
 
-    def __init__(self, path: str | Path) -> None:
-        """Open the file or folder.
+    def __init__(self, root: str | Path | None = None) -> None:
+        """Open the keypoints.
+
+        Args:
+            root: a Parquet file, or the folder that holds the cameras' folders of JSON files.
 
         Raises:
             DetectorError: it is absent or not what this module reads.
         """
-        self._source = _open(path, "person", NUM_BODY_KEYPOINTS)
+        self._source = _open(root, "person", NUM_BODY_KEYPOINTS)
 
     def detect(self, image_rgb: ImageRGB | None, camera_id: str, frame: int) -> BodyDetections:
         """Return the persons stored for that camera and frame; the image is not looked at."""
@@ -55,13 +58,16 @@ class PrecomputedHands:
 
     needs_image = False
 
-    def __init__(self, path: str | Path) -> None:
-        """Open the file or folder.
+    def __init__(self, root: str | Path | None = None) -> None:
+        """Open the keypoints.
+
+        Args:
+            root: a Parquet file, or the folder that holds the cameras' folders of JSON files.
 
         Raises:
             DetectorError: it is absent or not what this module reads.
         """
-        self._source = _open(path, "hand", NUM_JOINTS)
+        self._source = _open(root, "hand", NUM_JOINTS)
 
     def detect(
         self,
@@ -84,21 +90,22 @@ class PrecomputedHands:
 
 def fingerprint(options: Mapping[str, Any]) -> dict[str, str]:
     """Return one sha256 over the names and contents of the files read."""
-    path = Path(options["path"]) if "path" in options else None
-    if path is None or not path.exists():
-        raise DetectorError(f"Detector 'precomputed' reads {path}, which does not exist: set its option path.")
-    if path.is_file():
-        return {"sha256": digest_file(path)}
+    root = _existing(options.get("root"))
+    if root.is_file():
+        return {"sha256": digest_file(root)}
     digest = hashlib.sha256()
-    for file in sorted(path.rglob("*.json")):
-        digest.update(f"{file.relative_to(path).as_posix()}\0{digest_file(file)}\n".encode())
+    for file in sorted(root.rglob("*.json")):
+        digest.update(f"{file.relative_to(root).as_posix()}\0{digest_file(file)}\n".encode())
     return {"sha256": digest.hexdigest()}
 
 
-def _open(path: str | Path, kind: str, num_keypoints: int) -> _Source:
-    path = Path(path)
-    if path.is_dir():
-        return OpenPoseFolder(path)
-    if path.is_file():
-        return ParquetKeypoints(path, kind, num_keypoints)
-    raise DetectorError(f"Precomputed keypoints {path} do not exist: give a Parquet file or a folder of OpenPose JSON.")
+def _open(root: str | Path | None, kind: str, num_keypoints: int) -> _Source:
+    path = _existing(root)
+    return OpenPoseFolder(path) if path.is_dir() else ParquetKeypoints(path, kind, num_keypoints)
+
+
+def _existing(root: str | Path | None) -> Path:
+    if root is None or not Path(root).exists():
+        what = "has no option root" if root is None else f"is to read {root}, which does not exist"
+        raise DetectorError(f"Detector 'precomputed' {what}: set it to a Parquet file or a folder of OpenPose JSON.")
+    return Path(root)

@@ -73,6 +73,7 @@ class RtmlibHands:
 
     def __init__(
         self,
+        mode: Literal["lightweight"] = "lightweight",
         det: str | None = None,
         pose: str | None = None,
         backend: str = "onnxruntime",
@@ -81,6 +82,7 @@ class RtmlibHands:
         """Load the models; the first use on a machine downloads them.
 
         Args:
+            mode: size of the models; rtmlib has one.
             det: path or address of the hand detector (ONNX) in place of rtmlib's.
             pose: path or address of the hand pose model (ONNX) in place of rtmlib's.
             backend: ``onnxruntime``, ``opencv`` or ``openvino``.
@@ -89,7 +91,7 @@ class RtmlibHands:
         Raises:
             DetectorError: rtmlib is not installed or its weights cannot be had.
         """
-        self._model = _load("Hand", mode="lightweight", det=det, pose=pose, backend=backend, device=device)
+        self._model = _load("Hand", mode=mode, det=det, pose=pose, backend=backend, device=device)
 
     def detect(
         self,

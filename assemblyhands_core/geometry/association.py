@@ -22,6 +22,7 @@ Flags = npt.NDArray[np.bool_]
 
 _FRAMES_AT_ONCE: Final = 16
 _NEARLY_EQUAL: Final = 0.2
+_JUMP_COST: Final = 2.0
 # Tracks with less than this share of the best one's support are passers-by or ghosts: not worth a word to the user.
 _NOTABLE: Final = 0.1
 
@@ -180,27 +181,42 @@ def follow_person(
     index[frames] = association.person_index[frames, persons]
     is_mirrored[frames] = association.is_mirrored[frames, persons]
     if mirror is not None:
-        flips = _side_changes(association.points_world_mm[frames, persons], list(mirror))
-        is_mirrored[frames] = _settle_sides(is_mirrored[frames] ^ flips[:, None], index[frames] >= 0)
-    return FollowedPerson(index, is_mirrored, _sentence(support, distance, chosen, len(rivals), index.shape))
+        num_mirrored, num_seen = is_mirrored[frames].sum(axis=1), (index[frames] >= 0).sum(axis=1)
+        exchanged = _exchanged(association.points_world_mm[frames, persons], list(mirror), num_mirrored, num_seen)
+        is_mirrored[frames] = (is_mirrored[frames] ^ exchanged[:, None]) & (index[frames] >= 0)
+    num_occupied = int((association.num_views > 0).any(axis=1).sum())
+    sentence = _sentence(support / num_occupied, distance, chosen, len(rivals), num_views)
+    return FollowedPerson(index, is_mirrored, sentence)
 
 
-def _side_changes(points_world_mm: Floats, mirror: list[int]) -> Flags:
-    """Return (F,) whether a frame's points (F, K, 3) have their sides exchanged with respect to the first frame's."""
-    flips = np.zeros(len(points_world_mm), dtype=np.bool_)
+def _exchanged(points_world_mm: Floats, mirror: list[int], num_mirrored: Ints, num_seen: Ints) -> Flags:
+    """Return (F,) in which frames of a track left and right must be exchanged once more.
+
+    The labelling of least cost over the track: each view that must be taken for its mirror image costs 1, each jump of
+    left to right from one frame to the next costs ``_JUMP_COST``. So where as many views say one as the other the
+    frames around decide, and somebody who turned round unseen is not mistaken for ever.
+
+    Args:
+        points_world_mm: (F, K, 3) the person's points as the frames' best hypotheses label them.
+        mirror: (K,) counterparts.
+        num_mirrored: (F,) views whose sides those hypotheses exchange.
+        num_seen: (F,) views that see the person.
+    """
     paired = [k for k, other in enumerate(mirror) if k != other]
-    last = points_world_mm[0]
-    for frame, points in enumerate(points_world_mm):
-        kept, exchanged = (_median_distance(p[paired], last[paired]) for p in (points, points[mirror]))
-        flips[frame] = exchanged < kept
-        now = points[mirror] if flips[frame] else points
-        last = np.where(np.isfinite(now), now, last)
-    return flips
-
-
-def _settle_sides(is_mirrored: Flags, is_seen: Flags) -> Flags:
-    """Return (F, V) with all sides exchanged once more where that leaves fewer detections mirrored."""
-    return (~is_mirrored if 2 * (is_mirrored & is_seen).sum() > is_seen.sum() else is_mirrored) & is_seen
+    counterparts = [mirror[k] for k in paired]
+    view_cost = np.stack([num_mirrored, num_seen - num_mirrored], axis=1).astype(np.float64)
+    cost, came_from = view_cost[0], []
+    for previous, points, views in zip(points_world_mm, points_world_mm[1:], view_cost[1:], strict=False):
+        jumps = _median_distance(points[counterparts], previous[paired]) < _median_distance(
+            points[paired], previous[paired]
+        )
+        through = cost[:, None] + _JUMP_COST * (np.eye(2) if jumps else 1 - np.eye(2))
+        came_from.append(through.argmin(axis=0))
+        cost = through.min(axis=0) + views
+    states = [int(cost.argmin())]
+    for origin in reversed(came_from):
+        states.append(int(origin[states[-1]]))
+    return np.array(states[::-1], dtype=np.bool_)
 
 
 def _median_distance(points: Floats, others: Floats) -> float:
@@ -252,16 +268,14 @@ def _distances_mm(tracks: list[dict[int, int]], center_world_mm: Floats, target_
     return np.array([np.median(np.linalg.norm(place - target_mm, axis=-1)) for place in places])
 
 
-def _sentence(support: Ints, distance_mm: Floats, chosen: int, num_rivals: int, shape: tuple[int, ...]) -> str:
-    num_frames, num_views = shape
-    views = support / num_frames
-    notable = np.flatnonzero(support >= _NOTABLE * support.max()).tolist()
-    ranked = sorted(notable, key=lambda track: -int(support[track]))
-    text = f"seen in {views[chosen]:.1f} of {num_views} views on average"
+def _sentence(mean_views: Floats, distance_mm: Floats, chosen: int, num_rivals: int, num_views: int) -> str:
+    notable = np.flatnonzero(mean_views >= _NOTABLE * mean_views.max()).tolist()
+    ranked = sorted(notable, key=lambda track: -float(mean_views[track]))
+    text = f"seen in {mean_views[chosen]:.1f} of {num_views} views on average"
     where = f"{distance_mm[chosen] / 1000:.1f} m from the point that the cameras look at"
     if len(ranked) == 1:
         return f"followed the only person: {text}; {where}"
-    rest = ", ".join(f"{views[track]:.1f}" for track in ranked if track != chosen)
+    rest = ", ".join(f"{mean_views[track]:.1f}" for track in ranked if track != chosen)
     others = ", ".join(f"{distance_mm[track] / 1000:.1f} m" for track in ranked if track != chosen)
     reason = "nearly equal, so the nearer one" if num_rivals > 1 else "the most"
     return (
