@@ -64,14 +64,12 @@ def probe(path: Path | str) -> VideoInfo:
         VideoError: the file is missing, no video, without frames, or no frame of it can be decoded.
     """
     path = Path(path)
-    with opened(path) as (container, stream):
-        timeline = read_timeline(path, container, stream, use_header=False)
+    timeline = read_timeline(path, use_header=False)
+    with opened(path) as (_, stream):
         tick_s = Fraction(stream.time_base)
         nominal_hz = Fraction(stream.average_rate or stream.guessed_rate or 0)
         num_frames_header, codec = int(stream.frames), str(stream.codec_context.name)
-        frame = next(decoded_from(container, stream, int(timeline.pts[0])), None)
-    if frame is None:
-        raise _undecodable(path, 0, is_at_end=False)
+    frame = _first_frame(path, timeline)
     gap_s = _mean_gap_s(timeline.pts, tick_s, nominal_hz)
     width_px, height_px = _shown_size(frame.width, frame.height, frame.rotation)
     return VideoInfo(
@@ -115,12 +113,10 @@ class VideoReader:
         """
         self.path = Path(path)
         self._threads = threads or min(MAX_DECODER_THREADS, len(os.sched_getaffinity(0)))
-        with opened(self.path) as (container, stream):
-            self._timeline: Timeline = read_timeline(self.path, container, stream, use_header=True)
-            first = next(decoded_from(container, stream, int(self._timeline.pts[0])), None)
+        self._timeline = read_timeline(self.path, use_header=True)
+        with opened(self.path) as (_, stream):
             self.rate_hz = Fraction(stream.average_rate or stream.guessed_rate or 0)
-        if first is None:
-            raise _undecodable(self.path, 0, is_at_end=False)
+        first = _first_frame(self.path, self._timeline)
         self._rotation_deg = first.rotation % 360
         self.width_px, self.height_px = _shown_size(first.width, first.height, self._rotation_deg)
         self.num_frames = len(self._timeline.pts)
@@ -174,18 +170,17 @@ class VideoReader:
         pending = iter(wanted[: max(0, -(-(self.num_frames - wanted.start) // wanted.step))])
         expected = next(pending, None)
         if expected is not None:
-            with opened(self.path, self._threads) as (container, stream):
-                for frame in decoded_from(container, stream, int(self._timeline.pts[expected])):
-                    index = self._index(frame.pts, expected)
-                    while expected is not None and index > expected:
-                        if not may_skip:
-                            raise _undecodable(self.path, expected, is_at_end=False)
-                        expected = next(pending, None)
-                    if index == expected:
-                        yield index, frame
-                        expected = next(pending, None)
-                    if expected is None:
-                        break
+            for frame in decoded_from(self.path, int(self._timeline.pts[expected]), self._threads):
+                index = self._index(frame.pts, expected)
+                while expected is not None and index > expected:
+                    if not may_skip:
+                        raise _undecodable(self.path, expected, is_at_end=False)
+                    expected = next(pending, None)
+                if index == expected:
+                    yield index, frame
+                    expected = next(pending, None)
+                if expected is None:
+                    break
         if expected is not None and not may_skip:
             raise _undecodable(self.path, expected, is_at_end=True)
         if not may_skip and len(wanted) and wanted[-1] >= self.num_frames:
@@ -307,6 +302,14 @@ class VideoWriter:
         cause = str(getattr(error, "strerror", error)).lower()
         text = f"{self.path}: cannot be written ({cause}); check the folder, its permissions and the free space"
         return VideoError(text, "unwritable_file", str(self.path))
+
+
+def _first_frame(path: Path, timeline: Timeline) -> Any:
+    """The first frame that can be decoded."""
+    frame = next(decoded_from(path, int(timeline.pts[0])), None)
+    if frame is None:
+        raise _undecodable(path, 0, is_at_end=False)
+    return frame
 
 
 def _shown_size(width_px: int, height_px: int, rotation_deg: int) -> tuple[int, int]:

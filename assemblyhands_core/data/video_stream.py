@@ -103,55 +103,57 @@ def _no_frames(path: Path) -> VideoError:
     return VideoError(f"{path}: holds no video frame; record or copy it again", "no_frames", str(path))
 
 
-def read_timeline(path: Path, container: Any, stream: Any, use_header: bool) -> Timeline:
+def read_timeline(path: Path, use_header: bool) -> Timeline:
     """Timestamps of all frames, from the container's sample table where that settles them, else from every packet.
 
     Args:
-        use_header: accept a complete sample table of constant rate (MP4, MOV) instead of reading the whole file.
+        path: The video.
+        use_header: Accept a complete sample table of constant rate (MP4, MOV) instead of reading the whole file.
 
     Raises:
-        VideoError: `no_frames`, or `irregular_timestamps` where the container stores none.
+        VideoError: `missing_file`, `not_a_video`, `no_frames`, or `irregular_timestamps` where the container has none.
     """
-    timeline = _timeline_of_sample_table(path, container, stream) if use_header else None
-    if timeline is None:
-        container.seek(0, backward=True)
-        timeline = _timeline_of_packets(path, container, stream)
+    timeline = _timeline_of_sample_table(path) if use_header else None
+    timeline = timeline or _timeline_of_packets(path)
     if len(timeline.pts) == 0:
         raise _no_frames(path)
     return timeline
 
 
-def _timeline_of_sample_table(path: Path, container: Any, stream: Any) -> Timeline | None:
-    entries = list(stream.index_entries)
-    if len(entries) < 2 or len(entries) != stream.frames or any(entry.is_discard for entry in entries):
-        return None
+def _timeline_of_sample_table(path: Path) -> Timeline | None:
+    with opened(path) as (container, stream):
+        entries = list(stream.index_entries)
+        if len(entries) < 2 or len(entries) != stream.frames or any(entry.is_discard for entry in entries):
+            return None
+        head = [packet.pts for packet in islice(_packets(container, stream), _MAX_REORDERING)]
     gaps = np.diff([entry.timestamp for entry in entries])
     is_complete = entries[-1].pos + entries[-1].size <= path.stat().st_size
-    head = [packet.pts for packet in islice(_packets(container, stream), _MAX_REORDERING)]
     # The table is in decoding order; at constant rate presentation is the same row of ticks, begun at the key frame.
     if not is_complete or not head or None in head or head[0] != min(head) or not 0 < gaps.min() == gaps.max():
         return None
     return Timeline(head[0] + np.arange(len(entries), dtype=np.int64) * int(gaps[0]), is_truncated=False)
 
 
-def _timeline_of_packets(path: Path, container: Any, stream: Any) -> Timeline:
-    packets = list(_packets(container, stream))
-    if any(packet.pts is None for packet in packets):
-        text = f"{path}: has packets without timestamps; remux it (ffmpeg -i IN -c copy OUT.mp4)"
-        raise VideoError(text, "irregular_timestamps", str(path))
-    first_key = next((packet.pts for packet in packets if packet.is_keyframe), None)
-    if first_key is None:
-        return Timeline(np.empty(0, dtype=np.int64), is_truncated=True)
-    whole = [packet for packet in packets if not packet.is_corrupt]
+def _timeline_of_packets(path: Path) -> Timeline:
+    with opened(path) as (container, stream):
+        packets = list(_packets(container, stream))
+        first_key = next((packet.pts for packet in packets if packet.is_keyframe), None)
+        if any(packet.pts is None for packet in packets):
+            text = f"{path}: has packets without timestamps; remux it (ffmpeg -i IN -c copy OUT.mp4)"
+            raise VideoError(text, "irregular_timestamps", str(path))
+        if first_key is None:
+            return Timeline(np.empty(0, dtype=np.int64), is_truncated=True)
+        whole = [packet for packet in packets if not packet.is_corrupt]
+        is_short = len(whole) < max(len(packets), stream.frames) or _ends_early(container, stream, packets)
     # Pictures shown before the first key frame refer to one that was cut away: no decoder can make them.
     shown = [packet.pts for packet in whole if not packet.is_discard and packet.pts >= first_key]
     pts = np.unique(np.array(shown, dtype=np.int64))
-    is_truncated = len(whole) < max(len(packets), stream.frames) or _ends_early(container, stream, packets)
-    if is_truncated and packets[-1].dts is not None:
+    last_dts = packets[-1].dts
+    if last_dts is not None and (is_short or _has_hole_after(pts, last_dts)):
         # What is missing would be decoded, hence shown, after the last packet. Frames known to be shown later still
         # have holes between them where their B-frames were cut off, so their rank is unknown: leave them out.
-        pts = pts[pts <= packets[-1].dts]
-    return Timeline(pts, is_truncated)
+        return Timeline(pts[pts <= last_dts], is_truncated=True)
+    return Timeline(pts, is_short)
 
 
 def _ends_early(container: Any, stream: Any, packets: list[Any]) -> bool:
@@ -165,15 +167,23 @@ def _ends_early(container: Any, stream: Any, packets: list[Any]) -> bool:
     return duration is not None and max(last, last - first) + 4 * gap < duration
 
 
+def _has_hole_after(pts: NDArray[np.int64], last_dts: int) -> bool:
+    """Whether frames lie clearly farther apart after the last decoding time than anywhere before it."""
+    num_settled = int(np.searchsorted(pts, last_dts, side="right"))
+    gaps = np.diff(pts)
+    settled, open_end = gaps[: max(0, num_settled - 1)], gaps[max(0, num_settled - 1) :]
+    return len(settled) > 0 and len(open_end) > 0 and bool(open_end.max() > 1.5 * settled.max())
+
+
 def _packets(container: Any, stream: Any) -> Iterator[Any]:
     """Packets of the stream in decoding order; ends quietly where the file breaks off."""
     try:
         yield from (packet for packet in container.demux(stream) if packet.size)
-    except av.error.FFmpegError:
+    except (av.error.FFmpegError, IndexError):  # PyAV trips with the latter over streams that damage makes appear
         return
 
 
-def decoded_from(container: Any, stream: Any, pts: int) -> Iterator[Any]:
+def decoded_from(path: Path, pts: int, threads: int = 1) -> Iterator[Any]:
     """Decode from the key frame at or before a timestamp, in presentation order.
 
     Frames that depend on a lost packet are left out up to the next key frame, as the decoder would only guess them.
@@ -183,16 +193,17 @@ def decoded_from(container: Any, stream: Any, pts: int) -> Iterator[Any]:
     """
     start = pts
     for is_last_try in (False, True):
-        packets = _packets_from_key(container, stream, start)
-        key = next(packets, None)
-        if key is None:
-            return
-        frames = (frame for frame in _decoded(stream, chain([key], packets)) if frame.pts >= pts)
-        first = next(frames, None)
-        if first is not None and (first.pts == pts or is_last_try):
-            yield first
-            yield from frames
-            return
+        with opened(path, threads) as (container, stream):
+            packets = _packets_from_key(container, stream, start)
+            key = next(packets, None)
+            if key is None:
+                return
+            frames = (frame for frame in _decoded(stream, chain([key], packets)) if frame.pts >= pts)
+            first = next(frames, None)
+            if first is not None and (first.pts == pts or is_last_try):
+                yield first
+                yield from frames
+                return
         # With periodic intra refresh a "key frame" only begins a recovery: the one before it then gives the picture.
         start = key.pts - 1
 
@@ -207,7 +218,10 @@ def _packets_from_key(container: Any, stream: Any, pts: int) -> Iterator[Any]:
     origin = stream.start_time or 0
     target = pts
     while True:
-        container.seek(target, stream=stream, backward=True)
+        try:
+            container.seek(target, stream=stream, backward=True)
+        except av.error.FFmpegError:
+            return _packets(container, stream)  # no index: from wherever we are, at first the beginning
         packets = _packets(container, stream)
         key = next((packet for packet in packets if packet.is_keyframe), None)
         if key is not None and (key.pts <= pts or target < origin):

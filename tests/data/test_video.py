@@ -1,5 +1,6 @@
 """Exactness of seeking, honesty about damage, determinism of writing. Each picture carries its own index as bars."""
 
+import contextlib
 import pickle
 from collections.abc import Callable
 from fractions import Fraction
@@ -16,6 +17,7 @@ from assemblyhands_core.data.video import VideoError, VideoReader, VideoWriter, 
 NUM_BITS, BAR_PX, HEIGHT_PX = 8, 16, 48
 WIDTH_PX = NUM_BITS * BAR_PX
 NUM_FRAMES = 70
+FASTSTART = {"movflags": "+faststart"}
 
 GOPS = {
     "b_frames": {"g": "12", "bf": "3", "x264-params": "b-adapt=0"},
@@ -204,7 +206,7 @@ def test_asking_beyond_the_end_names_the_frame_after_delivering_what_there_is(cl
 @pytest.fixture
 def truncated(tmp_path: Path) -> Path:
     """The index of the file (moov) is at its head and whole; a third of the pictures is cut off."""
-    path = write_numbered(tmp_path / "truncated.mp4", GOPS["b_frames"], container_options={"movflags": "+faststart"})
+    path = write_numbered(tmp_path / "truncated.mp4", GOPS["b_frames"], container_options=FASTSTART)
     data = path.read_bytes()
     path.write_bytes(data[: len(data) * 2 // 3])
     return path
@@ -221,6 +223,40 @@ def test_a_truncated_file_gives_its_whole_frames_and_then_says_where_it_ends(tru
     assert (caught.value.reason, caught.value.frame) == ("truncated_file", len(got))
     assert str(truncated) in str(caught.value) and f"frame {len(got)}" in str(caught.value)
     assert numbers(reader, 20, 50, on_missing="skip") == same(*range(20, len(got)))
+
+
+@pytest.mark.parametrize(
+    ("gop", "suffix"), [("open_gop", "ts"), ("pyramid", "mkv"), ("b_frames", "flv"), ("b_frames", "mp4")]
+)
+def test_wherever_a_file_is_cut_the_frames_keep_their_numbers(tmp_path: Path, gop: str, suffix: str) -> None:
+    """The last packets before a cut show pictures later than some that are lost: their rank would be too low."""
+    whole = write_numbered(
+        tmp_path / f"whole.{suffix}", GOPS[gop], container_options=FASTSTART if suffix == "mp4" else {}
+    )
+    data, path = whole.read_bytes(), tmp_path / f"cut.{suffix}"
+    num_frames = []
+    for cut in np.random.default_rng(0).integers(len(data) // 3, len(data) * 99 // 100, 12):
+        path.write_bytes(data[:cut])
+        reader = VideoReader(path, threads=1)
+        found = numbers(reader, max(0, reader.num_frames - 8), 8, on_missing="skip")
+        assert found == same(*(index for index, _ in found))
+        num_frames.append(reader.num_frames)
+    assert max(num_frames) > 50
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_damage_of_any_kind_ends_in_frames_or_our_own_error(clip: Any, tmp_path: Path, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    for gop, suffix in (("b_frames", "mp4"), ("open_gop", "mkv"), ("open_gop", "ts"), ("no_b_frames", "avi")):
+        data = np.frombuffer(clip(gop, suffix).read_bytes(), np.uint8).copy()
+        data[rng.integers(0, len(data), 10)] = rng.integers(0, 256, 10)
+        start = rng.integers(len(data))
+        data[start : start + 1000] = 0
+        path = tmp_path / f"damaged.{suffix}"
+        path.write_bytes(data.tobytes())
+        for read in (probe, lambda path: numbers(VideoReader(path, threads=1), 10, 40)):
+            with contextlib.suppress(VideoError):
+                read(path)
 
 
 def test_a_truncated_matroska_file_is_told_from_a_whole_one(clip: Any, tmp_path: Path) -> None:
@@ -286,7 +322,7 @@ def test_a_video_that_never_got_a_frame_is_refused(tmp_path: Path, suffix: str, 
 
 
 def test_a_video_cut_before_its_first_frame_has_none(tmp_path: Path) -> None:
-    path = write_numbered(tmp_path / "cut.mp4", GOPS["b_frames"], container_options={"movflags": "+faststart"})
+    path = write_numbered(tmp_path / "cut.mp4", GOPS["b_frames"], container_options=FASTSTART)
     with av.open(str(path)) as container:
         first_byte = next(container.demux(video=0)).pos
     path.write_bytes(path.read_bytes()[:first_byte])
