@@ -13,7 +13,7 @@ SEQUENCE := $(if $(SEQ),'seq=$(SEQ)')
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 SOURCES := assemblyhands_core stages pipeline tests benchmarks
 
-.PHONY: annotate plan doctor gc test test-slow check format benchmark help clean
+.PHONY: annotate plan doctor gc test test-slow check format benchmark docs help clean
 .DEFAULT_GOAL := help
 
 annotate: $(VENV)/.installed  ## video in, 3D hand joints out: SEQ=name (default: a real demo), ARGS='parameter=value'
@@ -47,6 +47,9 @@ format: $(VENV)/.installed-dev  ## put the code into the house's format
 
 benchmark: $(VENV)/.installed-dev  ## speed, side by side with the alternatives
 	for file in benchmarks/*.py; do $(BIN)/python $$file || exit 1; done
+
+docs: $(VENV)/.installed  ## print docs/tables.md anew from the pipeline
+	$(RUN) describe > docs/tables.md
 
 help:  ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)

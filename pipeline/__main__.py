@@ -12,8 +12,9 @@ from omegaconf.errors import OmegaConfBaseException
 from pipeline.commands import execute
 from pipeline.config import CONF_FOLDER, UserError, check_config, unknown_key_message
 from pipeline.dag import TARGETS, build_dag
+from pipeline.describe import describe
 
-_COMMANDS = ("run", "plan", "gc")
+_COMMANDS = ("run", "plan", "gc", "describe")
 _USAGE = """usage: python -m pipeline [COMMAND] [parameter=value ...]
 
 commands
@@ -21,6 +22,7 @@ commands
   doctor     look a recording over before hours are spent on it
   plan       say what would run, what is reused, and why; changes nothing
   gc         remove results that none of the newest runs refers to
+  describe   the DAG and all tables, in Markdown
 
 often used parameters
   seq=NAME               a sequence of the manifest; names with commas, a glob, or all
@@ -41,6 +43,9 @@ def main() -> int:
         print(_USAGE)
         return 0
     command, overrides = _split_command(arguments)
+    if command == "describe":
+        print(describe(build_dag()), end="")
+        return 0
     if not {"--cfg", "-c"} & set(overrides):
         _check_overrides([argument for argument in overrides if not argument.startswith("-")])
     command_line = shlex.join(["python", "-m", "pipeline", *arguments])

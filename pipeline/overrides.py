@@ -1,0 +1,42 @@
+"""What the user typed, as Hydra's grammar wants it: paths and names need no quotes of Hydra's own."""
+
+from collections.abc import Sequence
+
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.errors import OverrideParseException
+
+_SWEEP_FLAGS = {"-m", "--multirun"}
+# Hydra's own flags whose value is the next argument, so that a word without = may follow.
+_FLAGS_WITH_VALUE = {"--cfg", "-c", "--package", "-p", "--config-path", "-cp", "--config-name", "-cn", "--config-dir"}
+_FLAGS_WITH_VALUE |= {"-cd", "--info", "-i"}
+
+
+def literal(arguments: Sequence[str]) -> list[str]:
+    """Return the arguments with every value quoted that Hydra would refuse, or take for a sweep that was not asked for.
+
+    ``seq=one,two`` and ``rig.videos=/my rig (1)/*.mp4`` mean what they say; with ``-m`` a comma still separates the
+    values of a sweep.
+    """
+    may_sweep = bool(_SWEEP_FLAGS & set(arguments))
+    return [_literal(argument, may_sweep) for argument in arguments]
+
+
+def stray_word(arguments: Sequence[str]) -> str | None:
+    """Return the first argument that is no ``parameter=value`` and no flag."""
+    if _FLAGS_WITH_VALUE & set(arguments):
+        return None
+    return next((a for a in arguments if "=" not in a and not a.startswith(("-", "~"))), None)
+
+
+def _literal(argument: str, may_sweep: bool) -> str:
+    key, sign, value = argument.partition("=")
+    if not sign or argument.startswith("-"):
+        return argument
+    try:
+        parsed = OverridesParser.create().parse_override(argument)
+        if may_sweep or not parsed.is_sweep_override():
+            return argument
+    except OverrideParseException:
+        pass
+    escaped = value.replace("\\'", "\\\\'").replace("'", "\\'")
+    return f"{key}='{escaped}'"
