@@ -16,8 +16,8 @@ def describe(dag: Dag) -> str:
 def _head() -> Iterator[str]:
     yield "# Nodes and tables"
     yield ""
-    yield "Printed from the pipeline itself by `make docs`; do not edit. Pixels are of the camera's own video unless a name"
-    yield "says `rectified`; lengths are in mm; the empty `reason` means success."
+    yield "Printed from the pipeline itself by `make docs`; do not edit. Pixels are of the camera's own video unless"
+    yield "a name says `rectified`; lengths are in mm; the empty `reason` means success."
     yield ""
 
 
