@@ -20,11 +20,14 @@ class BodiesInViews(NamedTuple):
         keypoints_px: (F, V, N, 17, 2) COCO-17 order, pixels of the view's video; NaN = missing.
         confidence: (F, V, N, 17) in 0..1; 0 = missing.
         num_persons: (F, V) how many were found.
+        reason: (F, V) texts, why nobody was found: ``skipped_frame`` (not looked at), ``missing_frame`` (the view lacks
+            it), ``no_detection``; empty where somebody was.
     """
 
     keypoints_px: Floats
     confidence: Floats
     num_persons: npt.NDArray[np.int64]
+    reason: npt.NDArray[np.object_]
 
 
 def detect_bodies(
@@ -36,7 +39,7 @@ def detect_bodies(
     max_image_side_px: int | None = None,
     num_threads: int = 1,
 ) -> BodiesInViews:
-    """Find the persons in every n-th frame of all views.
+    """Find the persons in every n-th frame of all views, and in the last one so that no gap stays open.
 
     Args:
         detector: the detector.
@@ -49,12 +52,19 @@ def detect_bodies(
     Returns:
         The persons; a frame that a view lacks is one without persons.
     """
-    by_view = [[BodyDetections.none()] * len(frames) for _ in views]
     wanted = frames[::every_nth_frame]
-    for found, view in zip(by_view, views, strict=True):
-        for frame, image in _images(detector, view, wanted, max_image_side_px, num_threads):
-            found[frame - frames.start] = _at_full_size(detector.detect(image, view["camera_id"], frame), image, view)
-    return _stack(by_view)
+    parts = [wanted] if not frames or frames[-1] in wanted else [wanted, frames[-1:]]
+    nobody = BodyDetections.none()
+    by_view = [[nobody] * len(frames) for _ in views]
+    reason = np.full((len(frames), len(views)), "skipped_frame", dtype=object)
+    for part in parts:
+        reason[part.start - frames.start : part.stop - frames.start : part.step] = "missing_frame"
+        for v, view in enumerate(views):
+            for frame, image in _images(detector, view, part, max_image_side_px, num_threads):
+                found = _at_full_size(detector.detect(image, view["camera_id"], frame), image, view)
+                by_view[v][frame - frames.start] = found
+                reason[frame - frames.start, v] = "" if len(found.confidence) else "no_detection"
+    return _stack(by_view, reason)
 
 
 def _images(
@@ -73,12 +83,14 @@ def _at_full_size(found: BodyDetections, image: ImageRGB | None, view: Mapping[s
     return BodyDetections((found.keypoints_px + 0.5) * scale - 0.5, found.confidence)
 
 
-def _stack(by_view: Sequence[Sequence[BodyDetections]]) -> BodiesInViews:
-    num_persons = np.array([[len(found.confidence) for found in frames] for frames in by_view], dtype=np.int64).T
-    shape = (*num_persons.shape, max(1, int(num_persons.max(initial=0))), NUM_BODY_KEYPOINTS)
+def _stack(by_view: Sequence[Sequence[BodyDetections]], reason: npt.NDArray[np.object_]) -> BodiesInViews:
+    num_persons = np.zeros(reason.shape, dtype=np.int64)
+    for v, frames in enumerate(by_view):
+        num_persons[:, v] = [len(found.confidence) for found in frames]
+    shape = (*reason.shape, max(1, int(num_persons.max(initial=0))), NUM_BODY_KEYPOINTS)
     keypoints_px, confidence = np.full((*shape, 2), np.nan), np.zeros(shape)
     for v, frames in enumerate(by_view):
         for f, found in enumerate(frames):
             keypoints_px[f, v, : num_persons[f, v]] = found.keypoints_px
             confidence[f, v, : num_persons[f, v]] = found.confidence
-    return BodiesInViews(keypoints_px, confidence, num_persons)
+    return BodiesInViews(keypoints_px, confidence, num_persons, reason)
