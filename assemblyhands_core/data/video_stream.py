@@ -196,20 +196,26 @@ def decoded_from(path: Path, pts: int, threads: int = 1) -> Iterator[Any]:
         with opened(path, threads) as (container, stream):
             packets = _packets_from_key(container, stream, start)
             key = next(packets, None)
-            if key is None:
-                return
-            frames = (frame for frame in _decoded(stream, chain([key], packets)) if frame.pts >= pts)
+            frames = _from(pts, _decoded(stream, chain([key] if key else [], packets)))
             first = next(frames, None)
             if first is not None and (first.pts == pts or is_last_try):
                 yield first
                 yield from frames
                 return
+        if key is None:
+            break
         # With periodic intra refresh a "key frame" only begins a recovery: the one before it then gives the picture.
         start = key.pts - 1
+    with opened(path, threads) as (container, stream):  # the container has a broken index, or none
+        yield from _from(pts, _decoded(stream, _packets(container, stream)))
+
+
+def _from(pts: int, frames: Iterator[Any]) -> Iterator[Any]:
+    return (frame for frame in frames if frame.pts >= pts)
 
 
 def _packets_from_key(container: Any, stream: Any, pts: int) -> Iterator[Any]:
-    """Packets from the last key frame shown at or before `pts`.
+    """Packets from the last key frame shown at or before `pts`; none where the container cannot seek.
 
     Demuxers may seek by decoding time: they then stop at a key frame shown *after* `pts` (open GOP), from which the
     wanted frame would decode to garbage. So the key frame's own timestamp is checked; if need be we go further back.
@@ -221,7 +227,7 @@ def _packets_from_key(container: Any, stream: Any, pts: int) -> Iterator[Any]:
         try:
             container.seek(target, stream=stream, backward=True)
         except av.error.FFmpegError:
-            return _packets(container, stream)  # no index: from wherever we are, at first the beginning
+            return iter(())
         packets = _packets(container, stream)
         key = next((packet for packet in packets if packet.is_keyframe), None)
         if key is not None and (key.pts <= pts or target < origin):

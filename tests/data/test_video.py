@@ -235,7 +235,7 @@ def test_wherever_a_file_is_cut_the_frames_keep_their_numbers(tmp_path: Path, go
     )
     data, path = whole.read_bytes(), tmp_path / f"cut.{suffix}"
     num_frames = []
-    for cut in np.random.default_rng(0).integers(len(data) // 3, len(data) * 99 // 100, 12):
+    for cut in np.random.default_rng(0).integers(len(data) // 2, len(data) * 99 // 100, 12):
         path.write_bytes(data[:cut])
         reader = VideoReader(path, threads=1)
         found = numbers(reader, max(0, reader.num_frames - 8), 8, on_missing="skip")
