@@ -3,30 +3,29 @@
 This is what ``make doctor`` prints. Bodies are detected in a short run of frames only.
 """
 
-from collections.abc import Iterator, Mapping
+import math
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-from pydantic import Field, JsonValue
+from pydantic import Field
 
 from assemblyhands_core.data.camera_rows import valid_cameras
 from assemblyhands_core.data.catalog import AUDIT, VIEWS
-from assemblyhands_core.detectors.base import BODY_MIRROR
 from assemblyhands_core.detectors.bodies import BodiesInViews, detect_bodies
-from assemblyhands_core.detectors.options import detector_options
-from assemblyhands_core.detectors.registry import create_body_detector, fingerprint
-from assemblyhands_core.geometry.association import associate_persons, follow_person
+from assemblyhands_core.detectors.followed_person import follow_in_views
+from assemblyhands_core.detectors.registry import create_body_detector
 from assemblyhands_core.geometry.synchronisation import Synchronisation, estimate_synchronisation
-from stages._contract import Context, Stage, StageConfig, Tables
+from stages._contract import Context, Stage, Tables
+from stages._detector_config import DetectorConfig, detector_externals
 
 Finding = tuple[str, str, str, float, str]  # check, camera, level, value, note
+_CANNOT_BE_TOLD = "cannot be told: that takes two other views that see the person move"
 
 
-class AuditRecordingConfig(StageConfig):
+class AuditRecordingConfig(DetectorConfig):
     """Parameters of the audit."""
 
-    detector: str
-    options: Mapping[str, Mapping[str, JsonValue]]
     num_frames: int = Field(ge=1)
     max_image_side_px: int = Field(ge=128)
     max_persons: int = Field(ge=1, le=8)
@@ -61,41 +60,36 @@ def _files(views: list[dict[str, Any]]) -> Iterator[Finding]:
 def _bodies(config: AuditRecordingConfig, inputs: Tables, context: Context) -> Iterator[Finding]:
     """Yield how often each view sees the followed person, and whether it runs with the others."""
     cameras = valid_cameras(inputs["views"])
-    views = [view for view in inputs["views"].to_pylist() if view["valid"]]
-    found = _detect(config, views, context)
-    order = list(cameras.values())
-    persons = associate_persons(
-        found.keypoints_px,
-        found.confidence,
-        order,
+    found = _detect(config, [view for view in inputs["views"].to_pylist() if view["valid"]], context)
+    person = follow_in_views(
+        found,
+        list(cameras.values()),
         max_reprojection_px=config.association_px,
         max_persons=config.max_persons,
-        mirror=BODY_MIRROR,
     )
-    followed = follow_person(persons, order, mirror=BODY_MIRROR)
-    keypoints_px, confidence = followed.select(found.keypoints_px, found.confidence, BODY_MIRROR)
-    seen = (followed.person_index >= 0).mean(axis=0)
-    yield "person", "all", "ok" if seen.any() else "error", float(seen.mean()), followed.sentence
+    seen = person.is_seen.mean(axis=0)
+    yield "person", "all", "ok" if seen.any() else "error", float(seen.mean()), person.sentence
     for name, share in zip(cameras, seen, strict=True):
         level = "ok" if share >= config.min_seen_fraction else "warning"
         yield "person seen", name, level, float(share), f"agrees with the other views in {share:.0%} of the frames"
     sync = estimate_synchronisation(
-        keypoints_px,
-        confidence,
-        order,
+        person.keypoints_px,
+        person.confidence,
+        list(cameras.values()),
         max_shift=config.max_shift_frames,
         max_reprojection_px=config.association_px,
     )
-    yield from _agreement(config, list(cameras), sync)
+    for view, name in enumerate(cameras):
+        yield from _agreement(config, name, sync, view)
 
 
 def _detect(config: AuditRecordingConfig, views: list[dict[str, Any]], context: Context) -> BodiesInViews:
     """Detect bodies in a run of frames around the middle of the recording."""
-    num_frames = min(view["num_frames"] for view in views)
+    num_frames = max(view["num_frames"] for view in views)
     length = min(config.num_frames, num_frames)
     first = (num_frames - length) // 2
     return detect_bodies(
-        create_body_detector(config.detector, **_options(config, context.sequence_id)),
+        create_body_detector(config.detector, **config.detector_options(context.sequence_id)),
         views,
         range(first, first + length),
         max_image_side_px=config.max_image_side_px,
@@ -103,32 +97,23 @@ def _detect(config: AuditRecordingConfig, views: list[dict[str, Any]], context: 
     )
 
 
-def _agreement(config: AuditRecordingConfig, names: list[str], sync: Synchronisation) -> Iterator[Finding]:
-    """Yield whether each view runs in step with the others, and looks where its calibration says."""
-    for view, name in enumerate(names):
-        shift, now, best = int(sync.best_shift[view]), sync.error_now_px[view], sync.error_best_px[view]
-        if np.isnan(now):
-            yield "synchronisation", name, "warning", 0.0, "cannot be told: too little of the person in the other views"
-            continue
-        if shift and best < config.sync_gain * now:
-            note = f"fits the others better when shifted by {-shift:+d} frames ({now:.1f} → {best:.1f} px)"
-            yield "synchronisation", name, "warning", float(shift), note
-        else:
-            yield "synchronisation", name, "ok", 0.0, f"in step with the others ({now:.1f} px)"
-        right, down = sync.offset_px[view]
-        distance = float(np.hypot(right, down))
-        is_off = distance > config.max_offset_px
-        note = f"sees everything {right:+.0f} px right, {down:+.0f} px down of where the other views do"
-        remedy = "; was it moved or zoomed after the calibration?" if is_off else ""
-        yield "calibration", name, "warning" if is_off else "ok", distance, note + remedy
-
-
-def _options(config: AuditRecordingConfig, sequence_id: str) -> dict[str, Any]:
-    return detector_options(config.options, config.detector, sequence_id)
-
-
-def _externals(config: AuditRecordingConfig, sequence_id: str) -> Mapping[str, str]:
-    return fingerprint(config.detector, _options(config, sequence_id))
+def _agreement(config: AuditRecordingConfig, name: str, sync: Synchronisation, view: int) -> Iterator[Finding]:
+    """Yield whether one view runs in step with the others, and looks where its calibration says."""
+    shift, now, best = int(sync.best_shift[view]), sync.error_now_px[view], sync.error_best_px[view]
+    if np.isnan(now):
+        yield "synchronisation", name, "warning", float("nan"), _CANNOT_BE_TOLD
+        return
+    if shift and best < config.sync_gain * now:
+        note = f"fits the others better when shifted by {-shift:+d} frames ({now:.1f} → {best:.1f} px)"
+        yield "synchronisation", name, "warning", float(shift), note
+    else:
+        yield "synchronisation", name, "ok", 0.0, f"in step with the others ({now:.1f} px)"
+    right, down = (float(offset) for offset in sync.offset_px[view])
+    distance = math.hypot(right, down)
+    is_off = distance > config.max_offset_px
+    note = f"sees everything {round(right):+d} px right, {round(down):+d} px down of where the other views do"
+    remedy = "; was it moved or zoomed after the calibration?" if is_off else ""
+    yield "calibration", name, "warning" if is_off else "ok", distance, note + remedy
 
 
 STAGE = Stage(
@@ -139,5 +124,5 @@ STAGE = Stage(
     outputs={"audit": AUDIT},
     run=run,
     shard="sequence",
-    externals=_externals,
+    externals=detector_externals,
 )

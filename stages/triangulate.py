@@ -5,7 +5,7 @@ views agree on it, how well, or why there is none (supplement: "either too few 2
 error").
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -22,6 +22,7 @@ from assemblyhands_core.hands.joints import HANDS, NUM_JOINTS
 from stages._contract import Context, Stage, StageConfig, Tables
 
 _SOURCE, _ROUND = "2d_triangulation", 0
+_OUTSIDE_HAND = "outside_hand"
 
 Floats = npt.NDArray[np.floating]
 Indices = npt.NDArray[np.int64]
@@ -34,6 +35,7 @@ class TriangulateConfig(StageConfig):
     min_confidence: float = Field(ge=0, le=1)
     min_views: int = Field(ge=2)
     min_parallax_rad: float = Field(ge=0, lt=np.pi)
+    max_span_mm: float = Field(gt=0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,6 +68,7 @@ def run(config: TriangulateConfig, inputs: Tables, context: Context) -> Tables:
         min_views=config.min_views,
         min_parallax_rad=config.min_parallax_rad,
     )
+    found = _without_strays(found, config.max_span_mm)
     return {"joints": _joints(hands, found, pixels, context), "residuals": _residuals(keypoints, hands, found)}
 
 
@@ -96,9 +99,27 @@ def _pivot(keypoints: pa.Table, hands: _Hands, num_views: int, min_confidence: f
     return pixels.swapaxes(1, 2), confidence.swapaxes(1, 2)
 
 
+def _without_strays(found: Triangulation, max_span_mm: float) -> Triangulation:
+    """Take back joints that lie farther than that from the middle of their hand, the median of its joints.
+
+    Views from nearly opposite sides agree on almost anything along the line between them, however far off.
+    """
+    points = found.points_world_mm.reshape(-1, NUM_JOINTS, 3)
+    is_known = np.isfinite(points).all(axis=-1)
+    middle = np.full((len(points), 1, 3), np.nan)
+    has_any = is_known.any(axis=1)
+    middle[has_any] = np.nanmedian(points[has_any], axis=1, keepdims=True)
+    is_stray = (np.linalg.norm(points - middle, axis=-1) > max_span_mm).ravel()
+    return replace(
+        found,
+        points_world_mm=np.where(is_stray[:, None], np.nan, found.points_world_mm),
+        status=np.where(is_stray, _OUTSIDE_HAND, found.status),
+    )
+
+
 def _joints(hands: _Hands, found: Triangulation, pixels: Floats, context: Context) -> pa.Table:
     num_hands = len(hands.frame)
-    outcome = outcome_columns(found, num_hands)
+    outcome = outcome_columns(found, NUM_JOINTS)
     is_unseen = ~np.isfinite(pixels).all(axis=-1).any(axis=-1)
     outcome["reason"] = np.where(is_unseen, "no_detection", outcome["reason"])
     return JOINTS.build(

@@ -7,8 +7,8 @@ import numpy as np
 from assemblyhands_core.geometry.triangulation import Triangulation
 
 
-def outcome_columns(found: Triangulation, num_rows: int) -> dict[str, Any]:
-    """Return the columns valid, reason, num_views and reprojection_px, each (num_rows, points per row).
+def outcome_columns(found: Triangulation, num_points: int) -> dict[str, Any]:
+    """Return the columns valid, reason, num_views and reprojection_px, each (rows, num_points).
 
     The reprojection error is the mean over a point's inlier views in pixels, NaN where the point is missing.
     """
@@ -22,4 +22,4 @@ def outcome_columns(found: Triangulation, num_rows: int) -> dict[str, Any]:
         "num_views": num_views,
         "reprojection_px": mean_px,
     }
-    return {name: values.reshape(num_rows, -1) for name, values in columns.items()}
+    return {name: values.reshape(-1, num_points) for name, values in columns.items()}

@@ -16,6 +16,7 @@ from assemblyhands_core.geometry.triangulation import triangulate
 
 Floats = npt.NDArray[np.floating[Any]]
 _MIN_POINTS = 30
+_MIN_VIEWS = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,11 +71,12 @@ def estimate_synchronisation(
         max_reprojection_px: inlier threshold of the triangulation.
 
     Returns:
-        Errors by view and shift. Only motion that is not uniform tells: where nobody moves all shifts fit alike.
+        Errors by view and shift. Only motion that is not uniform tells: where nobody moves all shifts fit alike. With
+        fewer than three views nothing can be said: the others have to agree on something first.
     """
     shift = np.arange(-max_shift, max_shift + 1)
     error, offset = np.full((len(cameras), len(shift)), np.nan), np.full((len(cameras), len(shift), 2), np.nan)
-    for view in range(len(cameras)):
+    for view in range(len(cameras) if len(cameras) >= _MIN_VIEWS else 0):
         expected_px = _seen_by_others(keypoints_px, confidence, cameras, view, max_reprojection_px)
         for i, s in enumerate(shift):
             offset[view, i], error[view, i] = _offset_and_spread(_shifted(keypoints_px[:, view], -int(s)) - expected_px)
@@ -106,8 +108,7 @@ def _seen_by_others(
 def _shifted(values: Floats, by: int) -> Floats:
     """Return (F, ...) values with frame t holding what was at t - by; NaN where there was nothing."""
     result = np.full_like(values, np.nan)
-    if by >= 0:
-        result[by:] = values[: len(values) - by]
-    else:
-        result[:by] = values[-by:]
+    length = len(values) - abs(by)
+    if length > 0:
+        result[max(by, 0) :][:length] = values[max(-by, 0) :][:length]
     return result

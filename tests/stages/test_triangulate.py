@@ -14,7 +14,9 @@ from assemblyhands_core.geometry.distortion import OpenCVLens
 from stages._contract import Context
 from stages.triangulate import STAGE, TriangulateConfig
 
-CONFIG = TriangulateConfig(max_reprojection_px=20.0, min_confidence=0.1, min_views=2, min_parallax_rad=0.01)
+CONFIG = TriangulateConfig(
+    max_reprojection_px=20.0, min_confidence=0.1, min_views=2, min_parallax_rad=0.01, max_span_mm=250.0
+)
 NUM_JOINTS = 21
 DISTANCE_MM = 1000.0
 

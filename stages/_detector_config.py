@@ -1,0 +1,44 @@
+"""What every stage with a detector is told: which one, and the options of each."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from pydantic import JsonValue, ValidationInfo, field_serializer, field_validator
+
+from assemblyhands_core.detectors.options import options_for_sequence
+from assemblyhands_core.detectors.registry import fingerprint
+from stages._contract import StageConfig
+
+
+class DetectorConfig(StageConfig):
+    """Base of the parameters of stages that run a detector.
+
+    Attributes:
+        options: detector → its options, so that ``detect_hands.options.precomputed.root=PATH`` can be given.
+        detector: the one that runs.
+    """
+
+    options: Mapping[str, Mapping[str, JsonValue]]
+    detector: str
+
+    def detector_options(self, sequence_id: str) -> dict[str, Any]:
+        """Return the options of the detector that runs, for one sequence."""
+        return options_for_sequence(self.options[self.detector], sequence_id)
+
+    @field_validator("detector")
+    @classmethod
+    def _is_known(cls, detector: str, info: ValidationInfo) -> str:
+        known = info.data.get("options", {detector: {}})
+        if detector not in known:
+            raise ValueError(f"choose one of {', '.join(known)}")
+        return detector
+
+    @field_serializer("options")
+    def _of_the_one_that_runs(self, options: Mapping[str, Mapping[str, JsonValue]]) -> dict[str, Any]:
+        """Leave out what cannot change a result: an unused detector's option must not make anything run again."""
+        return {self.detector: dict(options[self.detector])}
+
+
+def detector_externals(config: DetectorConfig, sequence_id: str) -> Mapping[str, str]:
+    """Return what the detector that runs depends on beyond its options: package version, weights, files."""
+    return fingerprint(config.detector, config.detector_options(sequence_id))
