@@ -9,6 +9,7 @@ from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from fractions import Fraction
 from itertools import chain, islice
 from pathlib import Path
 from typing import Any, Literal
@@ -54,10 +55,12 @@ class Timeline:
     Attributes:
         pts: int64 `(N,)`, ascending, in ticks of the stream's time base.
         is_truncated: whether packets are missing or cut off at the end of the file.
+        nominal_hz: the frame rate that the container states; 0 where it says nothing.
     """
 
     pts: NDArray[np.int64]
     is_truncated: bool
+    nominal_hz: Fraction
 
     def index(self, pts: int | None) -> int | None:
         """Frame index of a timestamp; None where the stream has no such frame."""
@@ -126,12 +129,14 @@ def _timeline_of_sample_table(path: Path) -> Timeline | None:
         if len(entries) < 2 or len(entries) != stream.frames or any(entry.is_discard for entry in entries):
             return None
         head = [packet.pts for packet in islice(_packets(container, stream), _MAX_REORDERING)]
+        nominal_hz = _nominal_hz(stream)
     gaps = np.diff([entry.timestamp for entry in entries])
     is_complete = entries[-1].pos + entries[-1].size <= path.stat().st_size
     # The table is in decoding order; at constant rate presentation is the same row of ticks, begun at the key frame.
     if not is_complete or not head or None in head or head[0] != min(head) or not 0 < gaps.min() == gaps.max():
         return None
-    return Timeline(head[0] + np.arange(len(entries), dtype=np.int64) * int(gaps[0]), is_truncated=False)
+    pts = head[0] + np.arange(len(entries), dtype=np.int64) * int(gaps[0])
+    return Timeline(pts, is_truncated=False, nominal_hz=nominal_hz)
 
 
 def _timeline_of_packets(path: Path) -> Timeline:
@@ -142,9 +147,10 @@ def _timeline_of_packets(path: Path) -> Timeline:
             text = f"{path}: has packets without timestamps; remux it (ffmpeg -i IN -c copy OUT.mp4)"
             raise VideoError(text, "irregular_timestamps", str(path))
         if first_key is None:
-            return Timeline(np.empty(0, dtype=np.int64), is_truncated=True)
+            return Timeline(np.empty(0, dtype=np.int64), is_truncated=True, nominal_hz=Fraction(0))
         whole = [packet for packet in packets if not packet.is_corrupt]
         is_short = len(whole) < max(len(packets), stream.frames) or _ends_early(container, stream, packets)
+        nominal_hz = _nominal_hz(stream)
     # Pictures shown before the first key frame refer to one that was cut away: no decoder can make them.
     shown = [packet.pts for packet in whole if not packet.is_discard and packet.pts >= first_key]
     pts = np.unique(np.array(shown, dtype=np.int64))
@@ -152,8 +158,12 @@ def _timeline_of_packets(path: Path) -> Timeline:
     if last_dts is not None and (is_short or _has_hole_after(pts, last_dts)):
         # What is missing would be decoded, hence shown, after the last packet. Frames known to be shown later still
         # have holes between them where their B-frames were cut off, so their rank is unknown: leave them out.
-        return Timeline(pts[pts <= last_dts], is_truncated=True)
-    return Timeline(pts, is_short)
+        return Timeline(pts[pts <= last_dts], is_truncated=True, nominal_hz=nominal_hz)
+    return Timeline(pts, is_short, nominal_hz)
+
+
+def _nominal_hz(stream: Any) -> Fraction:
+    return Fraction(stream.average_rate or stream.guessed_rate or 0)
 
 
 def _ends_early(container: Any, stream: Any, packets: list[Any]) -> bool:
