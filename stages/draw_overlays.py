@@ -20,12 +20,16 @@ from assemblyhands_core.data.video import VideoReader, VideoWriter
 from assemblyhands_core.geometry.cameras import Camera
 from assemblyhands_core.geometry.crops import square_box
 from assemblyhands_core.hands.body import NUM_BODY_KEYPOINTS
-from assemblyhands_core.hands.joints import HANDS, NUM_JOINTS
+from assemblyhands_core.hands.joints import HANDS, NUM_JOINTS, Hand
 from assemblyhands_core.viz.overlays import contact_sheet, draw_body, draw_hand
 from stages._contract import Context, Stage, StageConfig, Tables
 
 Image = npt.NDArray[np.uint8]
 Poses = Mapping[tuple[int, str], tuple[Any, Any]]  # (frame, hand or camera) → points, valid
+_MIN_HAND_PX = 32.0  # an enlarged hand shows at least so much of the video, also when it is a single joint
+_FILM_COLUMNS = 4
+_FILM_CRF = 26
+_NO_PICTURE = np.zeros((1, 1, 3), np.uint8)
 
 
 class DrawOverlaysConfig(StageConfig):
@@ -49,11 +53,15 @@ class _View:
     joints: Poses
     bodies: Poses
 
-    def frames(self, config: DrawOverlaysConfig, frames: range, threads: int) -> Iterator[tuple[int, Image]]:
+    def picture(self, frame: int, threads: int) -> Image | None:
+        """Return a frame's picture, None where the view lacks it."""
+        pictures = VideoReader(self.video, threads=threads).frames(frame, 1, on_missing="skip")
+        return next((image for _, image in pictures), None)
+
+    def film(self, config: DrawOverlaysConfig, num_frames: int, threads: int) -> Iterator[tuple[int, Image]]:
         """Yield frame number and reduced picture with skeletons."""
         reader = VideoReader(self.video, threads=threads)
-        side = config.tile_side_px
-        for frame, image in reader.frames(frames.start, len(frames), frames.step, side, on_missing="skip"):
+        for frame, image in reader.frames(0, num_frames, 1, config.tile_side_px, on_missing="skip"):
             yield frame, self.drawn(image, frame)
 
     def drawn(self, image: Image, frame: int) -> Image:
@@ -67,6 +75,20 @@ class _View:
             if (pose := self.joints.get((frame, hand))) is not None:
                 picture = draw_hand(picture, camera.project(pose[0]), pose[1], hand)
         return picture
+
+    def enlarged(self, config: DrawOverlaysConfig, image: Image, frame: int, hand: Hand) -> Image | None:
+        """Return a hand cut out of a full-size picture with its joints, None where none lies on the picture."""
+        points, valid = self.joints.get((frame, hand), (np.empty((0, 3)), None))
+        pixels = self.camera.project(points)
+        shown = pixels[self.camera.contains(pixels)]
+        if not len(shown):
+            return None
+        center, side = square_box(shown, config.hand_gamma)
+        scale = config.hand_tile_px / max(side, _MIN_HAND_PX)
+        shift = config.hand_tile_px / 2 - 0.5 - scale * center
+        window = np.array([[scale, 0, shift[0]], [0, scale, shift[1]]])
+        tile = cv2.warpAffine(image, window, (config.hand_tile_px, config.hand_tile_px), flags=cv2.INTER_LINEAR)
+        return draw_hand(np.asarray(tile, dtype=np.uint8), scale * pixels + shift, valid, hand)
 
 
 def run(config: DrawOverlaysConfig, inputs: Tables, context: Context) -> Tables:
@@ -84,8 +106,7 @@ def run(config: DrawOverlaysConfig, inputs: Tables, context: Context) -> Tables:
         rate_hz = float(np.median(to_numpy(inputs["views"].filter(inputs["views"]["valid"])["rate_hz"])))
         _write_film(config, views, rate_hz, context)
         names["film"] = "film.mp4"
-    rows = [_row(context, kind, name) for kind, name in names.items() if (context.blob_dir / name).exists()]
-    return {"overlays": OVERLAYS.from_rows(rows)}
+    return {"overlays": OVERLAYS.from_rows([_row(context, kind, name) for kind, name in names.items()])}
 
 
 def _row(context: Context, kind: str, name: str) -> dict[str, str]:
@@ -106,68 +127,57 @@ def _poses(table: pa.Table, owner: str, points: str, shape: tuple[int, int]) -> 
 
 
 def _write_sheets(config: DrawOverlaysConfig, views: Sequence[_View], context: Context) -> None:
-    """Write the contact sheets of some instants spread over the sequence: whole views, and hands enlarged."""
-    num_frames = min(view.num_frames for view in views)
+    """Write the contact sheets of some instants, a row each, spread over the sequence: whole views, hands enlarged."""
+    num_frames = max(view.num_frames for view in views)
     instants = np.linspace(0, num_frames - 1, config.num_instants + 2)[1:-1].round().astype(int).tolist()
-    tiles, hands = [], []
+    wholes: list[tuple[Image, str]] = []
+    hands: list[tuple[Image, str]] = []
     for frame in dict.fromkeys(instants):
         for view in views:
-            for _, image in VideoReader(view.video, threads=context.num_threads).frames(frame, 1, on_missing="skip"):
-                caption = f"{view.camera.camera_id}  frame {frame}"
-                tiles.append((_reduced(view.drawn(image, frame), config.tile_side_px), caption))
-                hands += [(tile, f"{caption}  {hand}") for hand, tile in _hand_tiles(config, view, image, frame)]
-    _write_png(context.blob_dir / "contact_sheet.png", tiles, len(views))
-    _write_png(context.blob_dir / "hands.png", hands, 2 * len(views))
+            image, caption = view.picture(frame, context.num_threads), f"{view.camera.camera_id}  frame {frame}"
+            if image is None:
+                wholes.append((_NO_PICTURE, f"{caption}  missing"))
+                hands += [(_NO_PICTURE, f"{caption}  missing")] * len(HANDS)
+                continue
+            wholes.append((view.drawn(_reduced(image, config.tile_side_px), frame), caption))
+            for hand in HANDS:
+                tile = view.enlarged(config, image, frame, hand)
+                hands.append((_NO_PICTURE if tile is None else tile, f"{caption}  {hand}"))
+    _write_png(context.blob_dir / "contact_sheet.png", wholes, len(views))
+    _write_png(context.blob_dir / "hands.png", hands, len(HANDS) * len(views))
 
 
-def _hand_tiles(config: DrawOverlaysConfig, view: _View, image: Image, frame: int) -> Iterator[tuple[str, Image]]:
-    """Yield each hand that is seen, cut out and enlarged, with its joints."""
-    for hand in HANDS:
-        pose = view.joints.get((frame, hand))
-        pixels = view.camera.project(pose[0][pose[1]]) if pose is not None else np.empty((0, 2))
-        inside = pixels[view.camera.contains(pixels)]
-        if len(inside) < 2:
-            continue
-        center, side = square_box(inside, config.hand_gamma)
-        scale = config.hand_tile_px / side
-        shift = config.hand_tile_px / 2 - 0.5 - scale * center
-        window = np.array([[scale, 0, shift[0]], [0, scale, shift[1]]])
-        tile = cv2.warpAffine(image, window, (config.hand_tile_px, config.hand_tile_px), flags=cv2.INTER_AREA)
-        placed = scale * view.camera.project(pose[0]) + shift if pose is not None else pixels
-        yield hand, draw_hand(np.asarray(tile, dtype=np.uint8), placed, pose[1] if pose is not None else [], hand)
+def _write_png(path: Path, tiles: Sequence[tuple[Image, str]], columns: int) -> None:
+    sheet = contact_sheet([tile for tile, _ in tiles], columns, [caption for _, caption in tiles])
+    path.write_bytes(cv2.imencode(".png", cv2.cvtColor(sheet, cv2.COLOR_RGB2BGR))[1].tobytes())
 
 
 def _write_film(config: DrawOverlaysConfig, views: Sequence[_View], rate_hz: float, context: Context) -> None:
     """Write a film with all views side by side."""
-    frames = range(min(config.max_film_frames, max(view.num_frames for view in views)))
+    num_frames = min(config.max_film_frames, max(view.num_frames for view in views))
     captions = [view.camera.camera_id for view in views]
     sheets = (
-        contact_sheet(pictures, min(4, len(views)), captions) for pictures in _lockstep(config, views, frames, context)
+        contact_sheet(pictures, min(_FILM_COLUMNS, len(views)), captions)
+        for pictures in _lockstep(config, views, num_frames, context)
     )
     first = next(sheets)
-    with VideoWriter(context.blob_dir / "film.mp4", first.shape[1], first.shape[0], rate_hz, crf=26) as film:
+    with VideoWriter(context.blob_dir / "film.mp4", first.shape[1], first.shape[0], rate_hz, crf=_FILM_CRF) as film:
         for sheet in itertools.chain([first], sheets):
             film.write(sheet)
 
 
 def _lockstep(
-    config: DrawOverlaysConfig, views: Sequence[_View], frames: range, context: Context
+    config: DrawOverlaysConfig, views: Sequence[_View], num_frames: int, context: Context
 ) -> Iterator[list[Image]]:
     """Yield the views' pictures frame by frame; where a view lacks a frame, its last picture stays."""
-    streams = [view.frames(config, frames, context.num_threads) for view in views]
+    streams = [view.film(config, num_frames, context.num_threads) for view in views]
     upcoming = [next(stream, None) for stream in streams]
-    pictures = [np.zeros((1, 1, 3), np.uint8) if item is None else item[1] for item in upcoming]
-    for frame in frames:
+    pictures = [_NO_PICTURE if item is None else item[1] for item in upcoming]
+    for frame in range(num_frames):
         for v, item in enumerate(upcoming):
             if item is not None and item[0] == frame:
                 pictures[v], upcoming[v] = item[1], next(streams[v], None)
         yield pictures
-
-
-def _write_png(path: Path, tiles: Sequence[tuple[Image, str]], columns: int) -> None:
-    if tiles:
-        sheet = contact_sheet([tile for tile, _ in tiles], columns, [caption for _, caption in tiles])
-        path.write_bytes(cv2.imencode(".png", cv2.cvtColor(sheet, cv2.COLOR_RGB2BGR))[1].tobytes())
 
 
 def _reduced(image: Image, max_side_px: int) -> Image:

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import pandas as pd
 import pyarrow as pa
 from pydantic import Field
 
@@ -25,16 +24,18 @@ from assemblyhands_core.data.catalog import (
 )
 from assemblyhands_core.geometry.synchronisation import estimate_synchronisation
 from assemblyhands_core.hands.body import ARMS, NUM_BODY_KEYPOINTS
-from assemblyhands_core.hands.joints import HANDS, JOINT_NAMES, WRIST
+from assemblyhands_core.hands.joints import BONES, FINGERS, HANDS, JOINT_NAMES, NUM_JOINTS, WRIST, Hand
 from stages._contract import Context, Stage, StageConfig, Tables
 
 Cell = tuple[str, str, str, float, int]  # table, row, metric, value, n
 Floats = npt.NDArray[np.floating[Any]]
+_SD_OVER_MAD = 1.4826  # of a normal distribution
 
 
 class MeasureQualityConfig(StageConfig):
     """Parameters of the quality tables."""
 
+    num_sync_frames: int = Field(ge=1)
     max_shift_frames: int = Field(ge=1)
     max_reprojection_px: float = Field(gt=0)
 
@@ -43,8 +44,9 @@ def run(config: MeasureQualityConfig, inputs: Tables, context: Context) -> Table
     """Measure one sequence."""
     cells = [
         *_coverage(inputs["joints"]),
-        *_wrists(inputs["joints"]),
+        *_wrists(inputs),
         *_reprojection(inputs["residuals"]),
+        *_hand_bones(inputs["joints"]),
         *_forearms(inputs["bodies"]),
         *_synchronisation(config, inputs),
     ]
@@ -57,21 +59,26 @@ def run(config: MeasureQualityConfig, inputs: Tables, context: Context) -> Table
 
 def _coverage(joints: pa.Table) -> Iterator[Cell]:
     """Yield the percentage of joints by outcome, for each hand."""
-    hand, reason = to_numpy(joints["hand"]), to_numpy(joints["reason"])
     for side in HANDS:
-        reasons = reason[hand == side].ravel()
+        reasons = to_numpy(joints["reason"])[_rows_of(joints, side)].ravel()
         names, counts = np.unique(np.where(reasons == "", "valid", reasons).astype(str), return_counts=True)
         for name, count in sorted(zip(names, counts, strict=True), key=lambda pair: -pair[1]):
             yield "joints by outcome (%)", str(name), side, 100.0 * count / reasons.size, int(count)
 
 
-def _wrists(joints: pa.Table) -> Iterator[Cell]:
-    hand = to_numpy(joints["hand"])
+def _wrists(inputs: Tables) -> Iterator[Cell]:
+    """Yield how often each wrist is there and how well its views agree; the body's wrist beside the hand's."""
+    joints, residuals, bodies = inputs["joints"], inputs["residuals"], inputs["bodies"]
+    is_looked_at = (to_numpy(bodies["reason"]) != "skipped_frame").all(axis=1)
     for side in HANDS:
-        valid = to_numpy(joints["valid"])[hand == side, WRIST]
-        error_px = to_numpy(joints["reprojection_px"])[hand == side, WRIST][valid]
-        yield "wrist", side, "coverage (%)", 100.0 * float(np.mean(valid)), len(valid)
-        yield "wrist", side, "median reprojection (px)", _median(error_px), len(error_px)
+        is_there = to_numpy(joints["valid"])[_rows_of(joints, side), WRIST]
+        of_side = _rows_of(residuals, side)
+        is_inlier = to_numpy(residuals["is_inlier"])[of_side, WRIST]
+        error_px = to_numpy(residuals["residual_px"])[of_side, WRIST][is_inlier]
+        body_is_there = to_numpy(bodies["valid"])[is_looked_at, ARMS[side].wrist]
+        yield "wrist", side, "coverage (%)", _percent(is_there), len(is_there)
+        yield "wrist", side, "median reprojection of inliers (px)", _median(error_px), len(error_px)
+        yield "wrist", side, "coverage of the body's (%)", _percent(body_is_there), len(body_is_there)
 
 
 def _reprojection(residuals: pa.Table) -> Iterator[Cell]:
@@ -82,18 +89,33 @@ def _reprojection(residuals: pa.Table) -> Iterator[Cell]:
         of_camera = error_px[camera == name]
         columns = {**{joint: of_camera[:, j] for j, joint in enumerate(JOINT_NAMES)}, "all joints": of_camera.ravel()}
         for row, values in columns.items():
-            known = values[np.isfinite(values)]
+            known = _known(values)
             yield "median reprojection of inliers (px)", row, str(name), _median(known), len(known)
+
+
+def _hand_bones(joints: pa.Table) -> Iterator[Cell]:
+    """Yield how long the bones of each finger are and how constant: the mean over its bones of both, robustly."""
+    points = to_numpy(joints["joints_world_mm"]).reshape(-1, NUM_JOINTS, 3).astype(np.float64)
+    child, parent = np.array(BONES).T
+    for side in HANDS:
+        of_side = points[_rows_of(joints, side)]
+        length_mm = np.linalg.norm(of_side[:, child] - of_side[:, parent], axis=-1)
+        fingers = {finger: length_mm[:, child // 4 == f] for f, finger in enumerate(FINGERS)}
+        for row, lengths in {**fingers, "all fingers": length_mm}.items():
+            bones = [known for bone in lengths.T if len(known := _known(bone))]
+            num_lengths = sum(map(len, bones))
+            yield "hand bones (mm)", row, f"{side} median", _mean([_median(bone) for bone in bones]), num_lengths
+            yield "hand bones (mm)", row, f"{side} spread", _mean([_spread(bone) for bone in bones]), num_lengths
 
 
 def _forearms(bodies: pa.Table) -> Iterator[Cell]:
     """Yield how long each forearm is and how constant: it should not change."""
-    points = to_numpy(bodies["body_world_mm"]).reshape(-1, NUM_BODY_KEYPOINTS, 3)
+    points = to_numpy(bodies["body_world_mm"]).reshape(-1, NUM_BODY_KEYPOINTS, 3).astype(np.float64)
     for side, arm in ARMS.items():
-        length = np.linalg.norm(points[:, arm.wrist] - points[:, arm.elbow], axis=1)
-        known = length[np.isfinite(length)]
-        for metric, value in (("mean", known.mean()), ("sd", known.std())) if len(known) else ():
-            yield "forearm (mm)", side, metric, float(value), len(known)
+        length_mm = _known(np.linalg.norm(points[:, arm.wrist] - points[:, arm.elbow], axis=1))
+        yield "forearm (mm)", side, "mean", _mean(length_mm), len(length_mm)
+        sd_mm = float(np.std(length_mm)) if len(length_mm) else float("nan")
+        yield "forearm (mm)", side, "sd", sd_mm, len(length_mm)
 
 
 def _synchronisation(config: MeasureQualityConfig, inputs: Tables) -> Iterator[Cell]:
@@ -102,6 +124,8 @@ def _synchronisation(config: MeasureQualityConfig, inputs: Tables) -> Iterator[C
     if len(cameras) < 3:
         return
     keypoints_px, confidence = _by_frame_and_view(inputs["body_keypoints"], list(cameras))
+    middle = slice(max(0, (len(confidence) - config.num_sync_frames) // 2), None)
+    keypoints_px, confidence = (values[middle][: config.num_sync_frames] for values in (keypoints_px, confidence))
     found = estimate_synchronisation(
         keypoints_px,
         confidence,
@@ -110,9 +134,9 @@ def _synchronisation(config: MeasureQualityConfig, inputs: Tables) -> Iterator[C
         max_reprojection_px=config.max_reprojection_px,
     )
     metrics: Mapping[str, Any] = {
-        "shift (frames)": found.best_shift,
+        "late by (frames)": np.where(np.isnan(found.error_best_px), np.nan, found.best_shift),
         "error as recorded (px)": found.error_now_px,
-        "error at that shift (px)": found.error_best_px,
+        "error without delay (px)": found.error_best_px,
         "offset right (px)": found.offset_px[:, 0],
         "offset down (px)": found.offset_px[:, 1],
     }
@@ -122,19 +146,41 @@ def _synchronisation(config: MeasureQualityConfig, inputs: Tables) -> Iterator[C
 
 
 def _by_frame_and_view(table: pa.Table, camera_ids: list[str]) -> tuple[Floats, Floats]:
-    """Return the body's keypoints (F, V, K, 2) and confidence (F, V, K)."""
-    frame = pd.factorize(to_numpy(table["frame"]), sort=True)[0]
-    view = pd.Index(camera_ids).get_indexer(pd.Index(to_numpy(table["camera_id"])))
-    shape = (int(frame.max(initial=-1)) + 1, len(camera_ids), NUM_BODY_KEYPOINTS)
+    """Return the body's keypoints (F, V, K, 2) and confidence (F, V, K) over consecutive frames."""
+    frame, camera = to_numpy(table["frame"]), to_numpy(table["camera_id"])
+    first = int(frame.min(initial=np.iinfo(np.int64).max))
+    shape = (int(frame.max(initial=first - 1)) - first + 1, len(camera_ids), NUM_BODY_KEYPOINTS)
     keypoints_px, confidence = np.full((*shape, 2), np.nan), np.zeros(shape)
-    is_used = view >= 0
-    keypoints_px[frame[is_used], view[is_used]] = to_numpy(table["body_px"]).reshape(-1, NUM_BODY_KEYPOINTS, 2)[is_used]
-    confidence[frame[is_used], view[is_used]] = to_numpy(table["confidence"])[is_used]
+    for view, name in enumerate(camera_ids):
+        rows = camera == name
+        keypoints_px[frame[rows] - first, view] = to_numpy(table["body_px"])[rows].reshape(-1, NUM_BODY_KEYPOINTS, 2)
+        confidence[frame[rows] - first, view] = to_numpy(table["confidence"])[rows]
     return keypoints_px, confidence
+
+
+def _rows_of(table: pa.Table, side: Hand) -> npt.NDArray[np.bool_]:
+    return np.asarray(to_numpy(table["hand"]) == side, dtype=np.bool_)
+
+
+def _known(values: Floats) -> Floats:
+    return np.asarray(values[np.isfinite(values)])
+
+
+def _percent(flags: npt.NDArray[np.bool_]) -> float:
+    return 100.0 * _mean(flags)
+
+
+def _mean(values: Any) -> float:
+    return float(np.mean(values)) if len(values) else float("nan")
 
 
 def _median(values: Floats) -> float:
     return float(np.median(values)) if len(values) else float("nan")
+
+
+def _spread(values: Floats) -> float:
+    """Return a robust standard deviation: outliers do not enter it."""
+    return _SD_OVER_MAD * _median(np.abs(values - _median(values)))
 
 
 STAGE = Stage(

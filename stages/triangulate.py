@@ -105,9 +105,8 @@ def _without_strays(found: Triangulation, max_span_mm: float) -> Triangulation:
     Views from nearly opposite sides agree on almost anything along the line between them, however far off.
     """
     points = found.points_world_mm.reshape(-1, NUM_JOINTS, 3)
-    is_known = np.isfinite(points).all(axis=-1)
     middle = np.full((len(points), 1, 3), np.nan)
-    has_any = is_known.any(axis=1)
+    has_any = np.isfinite(points).any(axis=(1, 2))
     middle[has_any] = np.nanmedian(points[has_any], axis=1, keepdims=True)
     is_stray = (np.linalg.norm(points - middle, axis=-1) > max_span_mm).ravel()
     return replace(
