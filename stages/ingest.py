@@ -37,6 +37,7 @@ class IngestConfig(StageConfig):
     """Parameters of ingestion."""
 
     chunk_frames: int = Field(ge=1, le=100_000)
+    min_chunks: int = Field(ge=1)
     max_frames: int | None = Field(ge=1)
     image_fit: FitChoice
     length_unit: LengthUnit
@@ -211,12 +212,13 @@ def _link(view: _View, context: Context) -> str:
 
 
 def _chunks(config: IngestConfig, num_frames: int, context: Context) -> Iterator[dict[str, Any]]:
-    for chunk, first in enumerate(range(0, num_frames, config.chunk_frames)):
+    length = min(config.chunk_frames, -(-num_frames // config.min_chunks))
+    for chunk, first in enumerate(range(0, num_frames, length)):
         yield {
             "sequence_id": context.sequence_id,
             "chunk": chunk,
             "first_frame": first,
-            "num_frames": min(config.chunk_frames, num_frames - first),
+            "num_frames": min(length, num_frames - first),
         }
 
 

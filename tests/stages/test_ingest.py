@@ -17,7 +17,9 @@ from stages._contract import Context
 from stages.ingest import STAGE, IngestConfig, _chunks
 
 WIDTH_PX, HEIGHT_PX, NUM_FRAMES = 64, 48, 12
-CONFIG = IngestConfig(chunk_frames=5, max_frames=None, image_fit="auto", length_unit="auto", max_rate_difference=0.001)
+CONFIG = IngestConfig(
+    chunk_frames=5, min_chunks=1, max_frames=None, image_fit="auto", length_unit="auto", max_rate_difference=0.001
+)
 
 
 def _write_video(
@@ -184,10 +186,18 @@ def test_a_sequence_has_exactly_one_calibration(tmp_path: Path) -> None:
 
 
 @settings(derandomize=True, deadline=None, max_examples=40)
-@given(num_frames=st.integers(1, 1000), chunk_frames=st.integers(1, 300))
-def test_chunks_cover_every_frame_once(num_frames: int, chunk_frames: int) -> None:
-    config = CONFIG.model_copy(update={"chunk_frames": chunk_frames})
+@given(num_frames=st.integers(1, 1000), chunk_frames=st.integers(1, 300), min_chunks=st.integers(1, 8))
+def test_chunks_cover_every_frame_once(num_frames: int, chunk_frames: int, min_chunks: int) -> None:
+    config = CONFIG.model_copy(update={"chunk_frames": chunk_frames, "min_chunks": min_chunks})
     chunks = list(_chunks(config, num_frames, Context(Path(), "s")))
     frames = [chunk["first_frame"] + i for chunk in chunks for i in range(chunk["num_frames"])]
     assert frames == list(range(num_frames))
     assert [chunk["chunk"] for chunk in chunks] == list(range(len(chunks)))
+
+
+@pytest.mark.parametrize(
+    ("num_frames", "lengths"), [(100, [25] * 4), (10, [3, 3, 3, 1]), (600, [128] * 4 + [88]), (2, [1, 1])]
+)
+def test_a_short_sequence_is_cut_finer(num_frames: int, lengths: list[int]) -> None:
+    config = CONFIG.model_copy(update={"chunk_frames": 128, "min_chunks": 4})
+    assert [chunk["num_frames"] for chunk in _chunks(config, num_frames, Context(Path(), "s"))] == lengths
