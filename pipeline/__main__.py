@@ -5,7 +5,7 @@ import sys
 from collections.abc import Callable
 
 import hydra
-from hydra.errors import HydraException
+from hydra.errors import HydraException, MissingConfigException
 from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 
@@ -13,6 +13,7 @@ from pipeline.commands import execute
 from pipeline.config import CONF_FOLDER, UserError, check_config, unknown_key_message
 from pipeline.dag import TARGETS, build_dag
 from pipeline.describe import describe
+from pipeline.overrides import is_sweep, literal, stray_word
 
 _COMMANDS = ("run", "plan", "gc", "describe")
 _USAGE = """usage: python -m pipeline [COMMAND] [parameter=value ...]
@@ -46,8 +47,8 @@ def main() -> int:
     if command == "describe":
         print(describe(build_dag()), end="")
         return 0
-    if not {"--cfg", "-c"} & set(overrides):
-        _check_overrides([argument for argument in overrides if not argument.startswith("-")])
+    overrides = literal(overrides)
+    _check_overrides(overrides)
     command_line = shlex.join(["python", "-m", "pipeline", *arguments])
     codes = [0]
 
@@ -88,11 +89,23 @@ def _split_command(arguments: list[str]) -> tuple[str, list[str]]:
 
 
 def _check_overrides(overrides: list[str]) -> None:
-    """Refuse a mistake in the overrides with a sentence, before Hydra takes over."""
+    """Refuse a mistake in the overrides with a sentence, before Hydra takes over with pages of its own."""
+    if word := stray_word(overrides):
+        raise UserError(f"{word} is no parameter=value; see --help")
+    settings = [argument for argument in overrides if "=" in argument and not argument.startswith("-")]
     with hydra.initialize_config_dir(str(CONF_FOLDER), version_base="1.3"):
-        plain = hydra.compose("config")
-        if message := unknown_key_message(overrides, plain):
+        if message := unknown_key_message(settings, hydra.compose("config")):
             raise UserError(message)
+        if not is_sweep(overrides):
+            _check_groups(settings)
+
+
+def _check_groups(settings: list[str]) -> None:
+    try:
+        hydra.compose("config", [setting for setting in settings if not setting.startswith("hydra")])
+    except MissingConfigException as error:
+        there = ", ".join(error.options or ())
+        raise UserError(f"there is no {error.missing_cfg_file}; choose among {there}") from error
 
 
 if __name__ == "__main__":

@@ -112,7 +112,8 @@ def _local_client(config: ExecutorConfig) -> Iterator[Any]:
             threads_per_worker=1,
             processes=True,
             host="127.0.0.1",
-            dashboard_address=None,
+            dashboard_address="127.0.0.1:0",  # None would warn of a taken port when another run is under way
+            scheduler_kwargs={"dashboard": False},
             memory_limit=config.memory_limit,
             silence_logs=40,
         ) as cluster,

@@ -1,9 +1,10 @@
 """What the user typed, as Hydra's grammar wants it: paths and names need no quotes of Hydra's own."""
 
+import re
 from collections.abc import Sequence
 
 from hydra.core.override_parser.overrides_parser import OverridesParser
-from hydra.errors import OverrideParseException
+from hydra.errors import HydraException
 
 _SWEEP_FLAGS = {"-m", "--multirun"}
 # Hydra's own flags whose value is the next argument, so that a word without = may follow.
@@ -14,11 +15,16 @@ _FLAGS_WITH_VALUE |= {"-cd", "--info", "-i"}
 def literal(arguments: Sequence[str]) -> list[str]:
     """Return the arguments with every value quoted that Hydra would refuse, or take for a sweep that was not asked for.
 
-    ``seq=one,two`` and ``rig.videos=/my rig (1)/*.mp4`` mean what they say; with ``-m`` a comma still separates the
-    values of a sweep.
+    ``seq=one,two`` and ``rig.videos=/my rig (1)/*.mp4`` mean what they say; with ``-m``, which may stand anywhere, a
+    comma still separates the values of a sweep.
     """
-    may_sweep = bool(_SWEEP_FLAGS & set(arguments))
-    return [_literal(argument, may_sweep) for argument in arguments]
+    quoted = [_literal(argument, is_sweep(arguments)) for argument in arguments]
+    return sorted(quoted, key=lambda argument: argument not in _SWEEP_FLAGS)  # Hydra wants its flag before the rest
+
+
+def is_sweep(arguments: Sequence[str]) -> bool:
+    """Return whether a sweep is asked for."""
+    return bool(_SWEEP_FLAGS & set(arguments))
 
 
 def stray_word(arguments: Sequence[str]) -> str | None:
@@ -36,7 +42,8 @@ def _literal(argument: str, may_sweep: bool) -> str:
         parsed = OverridesParser.create().parse_override(argument)
         if may_sweep or not parsed.is_sweep_override():
             return argument
-    except OverrideParseException:
+    except HydraException:
         pass
-    escaped = value.replace("\\'", "\\\\'").replace("'", "\\'")
+    # In Hydra's quotes, backslashes count only before a quote.
+    escaped = re.sub(r"(\\*)('|$)", lambda found: found[1] * 2 + ("\\'" if found[2] else ""), value)
     return f"{key}='{escaped}'"
