@@ -1,6 +1,7 @@
 """What the command line's verbs do."""
 
 import fcntl
+import itertools
 import os
 import sys
 import time
@@ -51,7 +52,7 @@ def _plan(config: RunConfig, console: Console) -> int:
 
 def _run(config: RunConfig, console: Console, command_line: str) -> int:
     started = time.monotonic()
-    run = config.run or time.strftime("%Y%m%d-%H%M%S")
+    run = config.run or _new_run_name(config.workspace)
     with _lock(config.workspace, exclusive=False):
         found = _run_until_whole(config, run, console)
         folder = write_view(config, run, found, command_line)
@@ -104,6 +105,18 @@ def _works(config: RunConfig, run: str) -> list[SequenceWork]:
         SequenceWork(config, recording, recording.source_rows(digests), nodes, _logs(config, run), threads)
         for recording in select_recordings(config)
     ]
+
+
+def _new_run_name(workspace: Path) -> str:
+    """Return the time as a name that no other run has, nor takes meanwhile: its log folder is made here."""
+    now = time.strftime("%Y%m%d-%H%M%S")
+    for name in itertools.chain([now], (f"{now}-{n}" for n in itertools.count(2))):
+        try:
+            (workspace / "logs" / name).mkdir(parents=True)
+        except FileExistsError:
+            continue
+        return name
+    raise AssertionError("itertools.count does not end")
 
 
 def _logs(config: RunConfig, run: str) -> Path:

@@ -13,20 +13,26 @@ from pipeline.history import History
 
 @dataclass(frozen=True)
 class Garbage:
-    """What ``gc`` removes: old runs' views, entries that no kept run refers to, leftovers of killed runs."""
+    """What ``gc`` removes: views and logs of old runs, entries that no kept run refers to, leftovers of killed runs."""
 
     runs: list[Path]
+    logs: list[Path]
     entries: list[Path]
     leftovers: list[Path]
 
     @property
+    def folders(self) -> list[Path]:
+        """Return all folders that go."""
+        return [*self.runs, *self.logs, *self.entries, *self.leftovers]
+
+    @property
     def num_bytes(self) -> int:
         """Return the size of all files, without what links point to."""
-        return sum(_size(path) for path in (*self.runs, *self.entries, *self.leftovers))
+        return sum(_size(path) for path in self.folders)
 
     def remove(self) -> None:
         """Delete it all."""
-        for path in (*self.runs, *self.entries, *self.leftovers):
+        for path in self.folders:
             shutil.rmtree(path)
 
 
@@ -36,7 +42,10 @@ def find_garbage(workspace: Path, config: GcConfig) -> Garbage:
     store = Store(workspace)
     kept = set(_referenced(runs[: config.keep_runs]))
     entries = [path for path in store.entries() if (path.parent.name, path.name) not in kept]
-    return Garbage(runs[config.keep_runs :], entries, list(store.leftovers()))
+    kept_names = {run.name for run in runs[: config.keep_runs]}
+    logs = [path for path in _subfolders(workspace / "logs") if path.name not in kept_names]
+    drafts = [path for path in _subfolders(workspace / "runs") if path.name.startswith(".")]
+    return Garbage(runs[config.keep_runs :], logs, entries, [*store.leftovers(), *drafts])
 
 
 def _referenced(runs: Iterable[Path]) -> Iterable[tuple[str, str]]:
@@ -44,6 +53,10 @@ def _referenced(runs: Iterable[Path]) -> Iterable[tuple[str, str]]:
         for path in run.glob("*/manifest.json"):
             manifest = json.loads(path.read_text())
             yield from ((manifest["stage"], shard["key"]) for shard in manifest["shards"].values())
+
+
+def _subfolders(folder: Path) -> list[Path]:
+    return sorted(path for path in folder.glob("*") if path.is_dir() and not path.is_symlink())
 
 
 def _size(folder: Path) -> int:

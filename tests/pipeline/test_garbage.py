@@ -33,6 +33,9 @@ def test_old_runs_and_what_only_they_refer_to_go(toy: Any) -> None:
 def test_leftovers_of_killed_runs_go(toy: Any) -> None:
     toy.run()
     left = toy.store.root / "multiply" / ".0123-99-abcd"
-    left.mkdir()
+    draft = toy.workspace / "runs" / ".second-99"
+    log = toy.workspace / "logs" / "killed"
+    for folder in (left, draft, log):
+        folder.mkdir()
     garbage = _gc(toy, 1)
-    assert garbage.leftovers == [left] and garbage.entries == []
+    assert garbage.leftovers == [left, draft] and garbage.logs == [log] and garbage.entries == garbage.runs == []
