@@ -161,5 +161,5 @@ def _remedy(calibrated: tuple[int, int], picture: NDArray[np.uint8], sizes: str)
     first, last = _black_edges(picture, axis)
     sides = ("left and right", "top and bottom")[axis]
     found = f"letterboxing would leave black bars of {expected:.1f} px {sides}, found are {first} and {last}"
-    remedy = "say stage.ingest.image_fit=scaled, letterboxed or cropped, or give the video as it was calibrated"
+    remedy = "say ingest.image_fit=scaled, letterboxed or cropped, or give the video as it was calibrated"
     return f"{sizes}: {found}; {remedy}."

@@ -101,7 +101,7 @@ def test_bars_may_be_a_row_off(bars: tuple[int, int]) -> None:
 def test_other_bars_prove_nothing(bars: tuple[int, int]) -> None:
     fit = fit_image(camera(), picture(1080, 1920, top=bars[0], bottom=bars[1]))
     assert (fit.kind, fit.camera, fit.reason) == ("unknown", None, "image_size_mismatch")
-    assert "bars of 7.1 px top and bottom" in fit.sentence and "say stage.ingest.image_fit=" in fit.sentence
+    assert "bars of 7.1 px top and bottom" in fit.sentence and "say ingest.image_fit=" in fit.sentence
 
 
 def test_bars_on_the_wrong_sides_prove_nothing() -> None:

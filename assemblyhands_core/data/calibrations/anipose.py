@@ -116,7 +116,7 @@ def _unit(cameras: dict[str, Camera], is_pose2sim: bool) -> Literal["mm", "m"]:
         return "m"
     raise ValueError(
         f"its unit of length is unclear (the cameras are up to {spread:.3g} units apart, with no mark of Pose2Sim); "
-        "say it: stage.ingest.length_unit=mm or m"
+        "say it: ingest.length_unit=mm or m"
     )
 
 
