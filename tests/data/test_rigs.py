@@ -152,7 +152,7 @@ def test_the_unit_of_toml_files(tmp_path: Path, text: str, unit: str, distance_m
 
 def test_an_unclear_unit_is_asked_for(tmp_path: Path) -> None:
     with pytest.raises(
-        ValueError, match=r"unit of length is unclear .*up to 2.5 units apart.*stage\.ingest\.length_unit=mm or m"
+        ValueError, match=r"unit of length is unclear .*up to 2.5 units apart.*ingest\.length_unit=mm or m"
     ):
         read_calibration(saved(tmp_path, pair(2.5)))
 
