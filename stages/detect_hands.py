@@ -176,7 +176,7 @@ def _bodies(frames: range, found: Triangulation, person: PersonInViews, context:
         {
             "sequence_id": [context.sequence_id] * len(frames),
             "frame": np.asarray(frames, dtype=np.int64),
-            "body_world_mm": found.points_world_mm.reshape(len(frames), -1),
+            "body_world_mm": found.points_world_mm.reshape(-1, 3 * NUM_BODY_KEYPOINTS),
             **outcome,
         }
     )
