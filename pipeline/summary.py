@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pyarrow.parquet as pq
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from pipeline.plan import PlannedNode
@@ -22,7 +23,7 @@ def print_plan(console: Console, rows: Sequence[PlannedNode], seconds: float | N
     for row in rows:
         to_run = "?" if row.num_to_run is None else str(row.num_to_run)
         estimate = "" if row.seconds is None or row.num_to_run == 0 else _duration(row.seconds)
-        table.add_row(row.sequence_id, row.node, str(row.num_reused), to_run, row.reason, estimate)
+        table.add_row(row.sequence_id, row.node, str(row.num_reused), to_run, escape(row.reason), estimate)
     console.print(table)
     if all(row.num_to_run == 0 for row in rows):
         console.print("nothing to do: everything is reused")
@@ -34,9 +35,10 @@ def print_failures(console: Console, results: Sequence[Result], logs: Path) -> N
     """Print a table of what failed, and what could not run because of it."""
     table = Table("node", "shard", "status", "reason", title="not finished", title_justify="left")
     for result in (r for r in results if not r.has_entry):
-        table.add_row(result.node, str(result.shard), result.status, result.error)
+        table.add_row(result.node, str(result.shard), result.status, escape(result.error))
     console.print(table)
-    console.print(f"everything else is done and kept; logs: {logs}. Run the same command again after the remedy.")
+    advice = "Run the same command again after the remedy."
+    console.print(f"everything else is done and kept; logs: {logs}. {advice}", markup=False, highlight=False)
 
 
 def print_times(console: Console, results: Sequence[Result], started: float) -> None:
@@ -79,7 +81,7 @@ def print_audit(console: Console, run: Path) -> None:
         table = Table("check", "camera", "level", "finding", title=path.stem, title_justify="left")
         for row in pq.read_table(path.resolve()).to_pylist():
             style = _LEVEL_STYLES[row["level"]]
-            table.add_row(row["check"], row["camera_id"], f"[{style}]{row['level']}[/]", row["note"])
+            table.add_row(row["check"], row["camera_id"], f"[{style}]{row['level']}[/]", escape(row["note"]))
         console.print(table)
 
 
