@@ -1,5 +1,6 @@
 """``python -m pipeline [annotate|doctor|plan|gc] [parameter=value …]``: Hydra composes, the engine runs."""
 
+import os
 import shlex
 import sys
 from collections.abc import Callable
@@ -15,6 +16,7 @@ from pipeline.dag import TARGETS, build_dag
 from pipeline.describe import describe
 from pipeline.overrides import is_sweep, literal, stray_word
 
+_INTERRUPTED = 130  # as shells count it: 128 + SIGINT
 _COMMANDS = ("run", "plan", "gc", "describe")
 _USAGE = """usage: python -m pipeline [COMMAND] [parameter=value ...]
 
@@ -53,10 +55,11 @@ def main() -> int:
     codes = [0]
 
     def job(composed: DictConfig) -> None:
-        # Inside Hydra's wrapper, which would print a traceback for whatever comes out of here.
-        codes.append(_reported(lambda: execute(command, check_config(composed, build_dag()), command_line)))
+        if _INTERRUPTED not in codes:  # a job that fails does not stop a sweep, the user does
+            codes.append(_reported(lambda: execute(command, check_config(composed, build_dag()), command_line)))
 
     sys.argv = [sys.argv[0], *overrides]
+    os.environ["HYDRA_FULL_ERROR"] = "1"  # let errors through to us instead of printing tracebacks
     hydra.main(version_base="1.3", config_path=str(CONF_FOLDER), config_name="config")(job)()
     return max(codes)
 
@@ -72,7 +75,7 @@ def _reported(action: Callable[[], int]) -> int:
         print(f"error: {error.strerror or error}{place}; nothing that was finished is lost", file=sys.stderr)
     except KeyboardInterrupt:
         print("interrupted: what was finished is kept; the same command goes on from there", file=sys.stderr)
-        return 130
+        return _INTERRUPTED
     return 2
 
 
