@@ -1,11 +1,13 @@
 """Fixtures that every test folder may use."""
 
 import os
+import sys
 from pathlib import Path
 
 import pytest
 
 REPOSITORY = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(Path(__file__).parent))  # for tiny_recording and command_line, which folders share
 
 
 def _shared_folder(variable: str, default: str) -> Path:

@@ -22,7 +22,7 @@ from assemblyhands_core.hands.body import ARMS, NUM_BODY_KEYPOINTS
 from assemblyhands_core.hands.joints import HANDS, NUM_JOINTS, WRIST
 
 NUM_FRAMES = 24
-CHUNK_FRAMES = 8
+CHUNK_FRAMES = 6
 NOISE_PX = 0.4
 WIDTH_PX, HEIGHT_PX, FOCAL_PX = 320, 240, 260.0
 CAMERA_IDS = ("front", "right", "back", "top")
