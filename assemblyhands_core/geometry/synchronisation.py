@@ -17,6 +17,7 @@ from assemblyhands_core.geometry.triangulation import triangulate
 Floats = npt.NDArray[np.floating[Any]]
 _MIN_POINTS = 30
 _MIN_VIEWS = 3
+_CLEAR_GAIN = 0.9
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,9 +39,7 @@ class Synchronisation:
     @property
     def best_shift(self) -> npt.NDArray[np.int64]:
         """Return (V,) the shift of least error; 0 where nothing can be said."""
-        filled = np.where(np.isnan(self.error_px), np.inf, self.error_px)
-        best = self.shift[np.argmin(filled, axis=1)]
-        return np.where(np.isfinite(filled).any(axis=1), best, 0)
+        return np.where(np.isfinite(self.error_px).any(axis=1), self.shift[_argmin(self.error_px)], 0)
 
     @property
     def error_now_px(self) -> Floats:
@@ -63,6 +62,9 @@ def estimate_synchronisation(
 ) -> Synchronisation:
     """Reproject what the other views see into each view, shifted in time, and see which shift fits best.
 
+    A view that is late or looks elsewhere also spoils the points that the others are measured against. So the view that
+    is off most is settled first, and the others are measured again with its delay and its offset taken out.
+
     Args:
         keypoints_px: (F, V, K, 2) one person's keypoints in raw pixels over F consecutive frames; NaN = missing.
         confidence: (F, V, K); 0 = missing.
@@ -76,12 +78,33 @@ def estimate_synchronisation(
     """
     shift = np.arange(-max_shift, max_shift + 1)
     error, offset = np.full((len(cameras), len(shift)), np.nan), np.full((len(cameras), len(shift), 2), np.nan)
-    for view in range(len(cameras) if len(cameras) >= _MIN_VIEWS else 0):
-        expected_px = _seen_by_others(keypoints_px, confidence, cameras, view, max_reprojection_px)
-        for i, s in enumerate(shift):
-            offset[view, i], error[view, i] = _offset_and_spread(_shifted(keypoints_px[:, view], -int(s)) - expected_px)
-    best = np.argmin(np.where(np.isnan(error), np.inf, error), axis=1)
-    return Synchronisation(shift, error, offset[np.arange(len(cameras)), best])
+    as_recorded, seen, weight = np.full(len(cameras), np.nan), keypoints_px.copy(), confidence.copy()
+    unsettled = list(range(len(cameras))) if len(cameras) >= _MIN_VIEWS else []
+    while unsettled:
+        for view in unsettled:
+            expected_px = _seen_by_others(seen, weight, cameras, view, max_reprojection_px)
+            as_recorded[view] = _median_length(seen[:, view] - expected_px)
+            for i, s in enumerate(shift):
+                offset[view, i], error[view, i] = _offset_and_spread(_shifted(seen[:, view], -int(s)) - expected_px)
+        delay = np.where(_is_late(error, max_shift), _argmin(error), max_shift)
+        gain = _CLEAR_GAIN * as_recorded - error[np.arange(len(cameras)), delay]
+        if not (gain[unsettled] > 0).any():
+            break
+        worst = unsettled.pop(int(np.nanargmax(gain[unsettled])))
+        by = -int(shift[delay[worst]])
+        seen[:, worst] = _shifted(seen[:, worst], by) - offset[worst, delay[worst]]
+        weight[:, worst] = _shifted(weight[:, worst], by)
+    return Synchronisation(shift, error, offset[np.arange(len(cameras)), _argmin(error)])
+
+
+def _is_late(error_px: Floats, unshifted: int) -> npt.NDArray[np.bool_]:
+    """Return (V,) whether a shift clearly lowers a view's error (V, S)."""
+    return np.asarray(np.fmin.reduce(error_px, axis=1) < _CLEAR_GAIN * error_px[:, unshifted])
+
+
+def _argmin(error_px: Floats) -> npt.NDArray[np.intp]:
+    """Return (V,) the shift of least error (V, S), the first where nothing is known."""
+    return np.asarray(np.argmin(np.where(np.isnan(error_px), np.inf, error_px), axis=1))
 
 
 def _offset_and_spread(difference_px: Floats) -> tuple[Floats, float]:
@@ -90,7 +113,13 @@ def _offset_and_spread(difference_px: Floats) -> tuple[Floats, float]:
     if len(known) < _MIN_POINTS:
         return np.full(2, np.nan), float("nan")
     offset = np.median(known, axis=0)
-    return offset, float(np.median(np.linalg.norm(known - offset, axis=-1)))
+    return offset, _median_length(difference_px - offset)
+
+
+def _median_length(difference_px: Floats) -> float:
+    length = np.linalg.norm(difference_px, axis=-1)
+    known = length[np.isfinite(length)]
+    return float(np.median(known)) if len(known) >= _MIN_POINTS else float("nan")
 
 
 def _seen_by_others(

@@ -59,3 +59,34 @@ def test_too_little_to_see_says_nothing() -> None:
     )
     assert found.best_shift.tolist() == [0, 0, 0, 0]
     assert np.isnan(found.error_px).all()
+
+
+def test_a_late_view_does_not_make_others_look_late_where_outliers_are_let_in() -> None:
+    cameras = _rig()
+    noise = 2.0 * np.random.default_rng(0).standard_normal((NUM_FRAMES, 4, 5, 2))
+    keypoints = _seen(cameras, _walk(6.0), late_view=2, by=3) + noise
+    confidence = np.isfinite(keypoints[..., 0]).astype(float)
+    found = estimate_synchronisation(keypoints, confidence, cameras, max_shift=5, max_reprojection_px=40.0)
+    assert found.best_shift.tolist() == [0, 0, 3, 0]
+    assert found.error_now_px[2] > 2 * found.error_best_px[2]
+    np.testing.assert_allclose(np.delete(found.error_now_px, 2), 2.9, atol=0.5)  # the noise: others' delay is taken out
+
+
+def test_two_views_say_nothing() -> None:
+    cameras = _rig()[:2]
+    keypoints = _seen(cameras, _walk(6.0), late_view=1, by=3)
+    found = estimate_synchronisation(
+        keypoints, np.ones(keypoints.shape[:-1]), cameras, max_shift=5, max_reprojection_px=2.0
+    )
+    assert found.best_shift.tolist() == [0, 0] and np.isnan(found.error_now_px).all()
+
+
+def test_shifts_beyond_a_short_recording_say_nothing() -> None:
+    cameras = _rig()
+    keypoints = _seen(cameras, _walk(6.0), late_view=0, by=0)[:7]
+    found = estimate_synchronisation(
+        keypoints, np.ones(keypoints.shape[:-1]), cameras, max_shift=9, max_reprojection_px=2.0
+    )
+    assert found.best_shift.tolist() == [0, 0, 0, 0]
+    assert np.isnan(found.error_px[:, np.abs(found.shift) > 1]).all()  # fewer than 30 points are left to compare
+    assert np.isfinite(found.error_now_px).all()

@@ -153,9 +153,7 @@ def test_a_view_without_rectification_still_sees_the_body(run: Any, world: Any, 
 
 def test_two_views_are_enough(run: Any, world: Any, exact_bodies: Any) -> None:
     tables = run(exact_bodies(), unusable={"b": "missing_video", "c": "unreadable_video"})
-    np.testing.assert_allclose(
-        _column(tables["bodies"], "body_world_mm").reshape(-1, 17, 3), world.body_mm, atol=1e-3
-    )
+    np.testing.assert_allclose(_column(tables["bodies"], "body_world_mm").reshape(-1, 17, 3), world.body_mm, atol=1e-3)
     assert sum(row["valid"] for row in tables["hand_boxes"].to_pylist()) == len(world.body_mm) * 2 * 2
 
 
@@ -198,9 +196,7 @@ def test_of_two_persons_the_one_seen_more_is_followed(run: Any, world: Any, exac
     passer_by = world.body_mm + np.array([900.0, 0.0, 500.0])
     passer_by[8:] += 1e5
     tables = run(exact_bodies(passer_by))
-    np.testing.assert_allclose(
-        _column(tables["bodies"], "body_world_mm").reshape(-1, 17, 3), world.body_mm, atol=1e-3
-    )
+    np.testing.assert_allclose(_column(tables["bodies"], "body_world_mm").reshape(-1, 17, 3), world.body_mm, atol=1e-3)
     followed = tables["followed"].to_pylist()[0]
     assert followed["num_persons"] == 2 and followed["note"].startswith("followed person 1 of 2")
 
