@@ -166,3 +166,29 @@ def test_the_order_of_rows_and_of_views_does_not_matter() -> None:
 def test_no_rows_give_empty_tables() -> None:
     tables = _run(KEYPOINTS.empty())
     assert {name: table.num_rows for name, table in tables.items()} == {"joints": 0, "residuals": 0}
+
+
+def test_a_joint_far_from_its_hand_is_none_of_it() -> None:
+    """All views agree on it, so that only the other joints can tell."""
+    pixels, confidence = _observe()
+    far_mm, near_mm = np.array([0.0, 290.0, 0.0]), np.array([0.0, -220.0, 0.0])
+    pixels[1, 0, :, 6] = [camera.project(far_mm) for camera in CAMERAS]
+    pixels[1, 1, :, 6] = [camera.project(near_mm) for camera in CAMERAS]
+    tables = _run(_keypoints(pixels, confidence))
+    reason = _column(tables["joints"], "reason").reshape(2, 2, NUM_JOINTS)
+    assert reason[1, 0, 6] == "outside_hand" and (reason == "").sum() == reason.size - 1
+    points = _column(tables["joints"], "joints_world_mm").reshape(2, 2, NUM_JOINTS, 3)
+    assert np.isnan(points[1, 0, 6]).all() and np.isfinite(points).all(axis=-1).sum() == reason.size - 1
+    is_hand = np.array(tables["residuals"].column("hand").to_pylist()) == "right"
+    of_frame = (np.array(tables["residuals"].column("frame").to_pylist()) == 8) & is_hand
+    assert np.isnan(_column(tables["residuals"], "residual_px")[of_frame, 6]).all()
+    assert not _column(tables["residuals"], "is_inlier")[of_frame, 6].any()
+    wide = _run(_keypoints(pixels, confidence), config=CONFIG.model_copy(update={"max_span_mm": 400.0}))["joints"]
+    assert (_column(wide, "reason") == "").all()
+
+
+def test_a_lone_joint_is_its_own_hand() -> None:
+    pixels, confidence = _observe()
+    confidence[:, :, :, :20] = 0.0
+    joints = _run(_keypoints(pixels, confidence), config=CONFIG.model_copy(update={"max_span_mm": 1.0}))["joints"]
+    assert (_column(joints, "valid").reshape(-1, NUM_JOINTS) == (np.arange(NUM_JOINTS) == 20)).all()
