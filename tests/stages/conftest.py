@@ -31,6 +31,8 @@ _BODY_MM = np.array(
     dtype=np.float64,
 )
 
+_RECTIFIED: dict[str, pa.Table] = {}  # by the digest of the views
+
 
 def _camera(name: str, angle_rad: float) -> Camera:
     """A camera on a circle around the origin, looking at it."""
@@ -69,7 +71,13 @@ class World:
         return VIEWS.from_rows(rows)
 
     def rectified(self, views: pa.Table) -> pa.Table:
-        """Return the table ``rectified_views`` that the stage undistort makes of views."""
+        """Return the table ``rectified_views`` that the stage undistort makes of views, each made once."""
+        key = VIEWS.digest(views)
+        if key not in _RECTIFIED:
+            _RECTIFIED[key] = self._rectify(views)
+        return _RECTIFIED[key]
+
+    def _rectify(self, views: pa.Table) -> pa.Table:
         config = UndistortConfig(
             focal_scale_perspective=1.0,
             focal_scale_fisheye=0.7,

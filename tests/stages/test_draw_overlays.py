@@ -54,9 +54,11 @@ def _joints(points_mm: np.ndarray) -> pa.Table:
     return JOINTS.from_rows(rows)
 
 
-def _run(folder: Path, views: pa.Table, points_mm: np.ndarray = HAND_MM, **how: Any) -> list[dict[str, Any]]:
+def _run(
+    folder: Path, views: pa.Table, points_mm: np.ndarray = HAND_MM, body: pa.Table | None = None, **how: Any
+) -> list[dict[str, Any]]:
     folder.mkdir()
-    inputs = {"views": views, "body_keypoints": BODY_KEYPOINTS.empty(), "joints": _joints(points_mm)}
+    inputs = {"views": views, "body_keypoints": body or BODY_KEYPOINTS.empty(), "joints": _joints(points_mm)}
     tables = STAGE.run(CONFIG.model_copy(update=how), inputs, Context(folder, "s"))
     return tables["overlays"].to_pylist()
 
@@ -92,6 +94,19 @@ def test_joints_are_drawn_where_the_camera_sees_them(views: Any, world: Any, tmp
             pixels = (camera.project(HAND_MM) + 0.5) / 2 - 0.5
             np.testing.assert_allclose([xs.min(), ys.min()], pixels.min(axis=0), atol=6)
             np.testing.assert_allclose([xs.max(), ys.max()], pixels.max(axis=0), atol=6)
+
+
+def test_the_body_is_drawn_where_its_keypoints_are(views: Any, tmp_path: Path) -> None:
+    body_px = np.full((17, 2), np.nan)
+    body_px[[5, 7, 9]] = (100, 60), (100, 300), (400, 300)  # left shoulder, elbow, wrist
+    row = {"sequence_id": "s", "frame": INSTANTS[0], "camera_id": "b", "body_px": body_px.ravel()}
+    row |= {"confidence": np.isfinite(body_px[:, 0]), "num_persons": 1, "valid": True, "reason": ""}
+    _run(tmp_path / "out", views(), np.full((21, 3), np.nan), BODY_KEYPOINTS.from_rows([row]))
+    rows = _sheet(tmp_path / "out" / "contact_sheet.png", 3)
+    assert [[_is_colored(cell).any() for cell in row] for row in rows] == [[False, True, False], [False] * 3]
+    ys, xs = np.nonzero(_is_colored(rows[0][1][-240:]))
+    expected = [49.75 - 3, 199.75 + 3, 29.75 - 3, 149.75 + 3]  # (c + 0.5) / 2 - 0.5, and half a joint's size
+    np.testing.assert_allclose([xs.min(), xs.max(), ys.min(), ys.max()], expected, atol=1.5)
 
 
 def test_a_hand_is_enlarged_around_its_middle_and_a_missing_one_keeps_its_place(views: Any, tmp_path: Path) -> None:
