@@ -109,5 +109,9 @@ def _update(digest: Any, array: pa.Array) -> None:
     elif pa.types.is_floating(kind):
         values = array.to_numpy(zero_copy_only=False)
         digest.update(np.where(np.isnan(values), values.dtype.type(np.nan), values).tobytes())
-    else:
+    elif pa.types.is_integer(kind) or pa.types.is_boolean(kind):
         digest.update(np.ascontiguousarray(array.to_numpy(zero_copy_only=False)).tobytes())
+    else:
+        raise TypeError(
+            f"a column of type {kind} has no stable digest; tables hold numbers, texts and fixed-size lists"
+        )

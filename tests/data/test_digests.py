@@ -44,6 +44,12 @@ def test_every_change_of_a_table_shows() -> None:
     assert len({digest_table(t) for t in [table, *others]}) == 6
 
 
+@pytest.mark.parametrize("values", [[[1], [2, 3]], [{"a": 1}], [np.datetime64("2026-01-01")]])
+def test_a_column_without_stable_bytes_is_refused(values: list[object]) -> None:
+    with pytest.raises(TypeError, match="has no stable digest"):
+        digest_table(pa.table({"x": values}))
+
+
 def test_every_nan_is_the_same() -> None:
     strange = np.array([0x7FF8000000000001, 0xFFF8000000000000], dtype=np.uint64).view(np.float64)
     assert digest_table(pa.table({"x": strange})) == digest_table(pa.table({"x": [np.nan, np.nan]}))
