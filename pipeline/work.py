@@ -83,7 +83,7 @@ class SequenceWork:
     def _matching(self, handles: Mapping[Shard, Handle], shard: Shard) -> list[Handle]:
         whole = Shard(shard.sequence_id)
         if shard.chunk is None:
-            return list(handles.values())
+            return [handles[key] for key in sorted(handles)]  # not in the order in which they were found or submitted
         return [handles[shard if shard in handles else whole]]
 
     def _task(self, node: Node, shard: Shard) -> Task:
