@@ -7,11 +7,9 @@ from contextlib import contextmanager
 from typing import Any, Protocol
 
 from pipeline.config import ExecutorConfig
+from pipeline.local_cluster import local_client
 from pipeline.tasks import Result, Task, run_task
 from pipeline.work import Handle
-
-# OpenCV and BLAS would each start a thread per core in every worker.
-_THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OPENCV_FOR_THREADS_NUM")
 
 
 class Executor(Protocol):
@@ -89,34 +87,5 @@ def open_executor(config: ExecutorConfig, token: str) -> Iterator[Executor]:
     if config.name == "serial":
         yield SerialExecutor()
         return
-    with _local_client(config) as client:
+    with local_client(*resolve_workers(config), config.memory_limit) as client:
         yield DaskExecutor(client, token)
-
-
-@contextmanager
-def _local_client(config: ExecutorConfig) -> Iterator[Any]:
-    import dask
-    from distributed import Client, LocalCluster
-
-    num_workers, num_threads = resolve_workers(config)
-    settings = {
-        "distributed.nanny.pre-spawn-environ": dict.fromkeys(_THREAD_VARIABLES, str(num_threads)),
-        "distributed.worker.daemon": True,
-        "distributed.scheduler.allowed-failures": 3,
-        "distributed.logging.distributed": "error",
-    }
-    with (
-        dask.config.set(settings),
-        LocalCluster(
-            n_workers=num_workers,
-            threads_per_worker=1,
-            processes=True,
-            host="127.0.0.1",
-            dashboard_address="127.0.0.1:0",  # None would warn of a taken port when another run is under way
-            scheduler_kwargs={"dashboard": False},
-            memory_limit=config.memory_limit,
-            silence_logs=40,
-        ) as cluster,
-        Client(cluster) as client,
-    ):
-        yield client

@@ -1,0 +1,71 @@
+"""Worker processes on this machine, scheduled by Dask on the loopback interface."""
+
+import logging
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
+from multiprocessing import resource_tracker
+from typing import Any
+
+from pipeline.config import UserError
+
+# OpenCV and BLAS would each start a thread per core in every worker.
+_THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OPENCV_FOR_THREADS_NUM")
+_MAX_STARTS = 3
+
+
+@contextmanager
+def local_client(num_workers: int, num_threads: int, memory_limit: str) -> Iterator[Any]:
+    """Give a Dask client of so many worker processes, and end them all afterwards.
+
+    Raises:
+        UserError: if they do not start.
+    """
+    import dask
+    from distributed import Client
+
+    settings = {
+        "distributed.nanny.pre-spawn-environ": dict.fromkeys(_THREAD_VARIABLES, str(num_threads)),
+        "distributed.worker.daemon": True,
+        "distributed.scheduler.allowed-failures": 3,
+        "distributed.logging.distributed": "critical",  # a lost worker is our own sentence, not their tracebacks
+    }
+    with dask.config.set(settings), _start(num_workers, memory_limit) as cluster, Client(cluster) as client:
+        yield client
+
+
+def _start(num_workers: int, memory_limit: str) -> Any:
+    """Start the cluster, again where a worker is killed before it has begun to work: nobody revives it so early."""
+    from distributed import LocalCluster
+
+    for attempt in range(_MAX_STARTS):
+        try:
+            with _interrupts_held_back():
+                return LocalCluster(
+                    n_workers=num_workers,
+                    threads_per_worker=1,
+                    processes=True,
+                    host="127.0.0.1",
+                    dashboard_address="127.0.0.1:0",  # None would warn of a taken port when another run is under way
+                    scheduler_kwargs={"dashboard": False},
+                    memory_limit=memory_limit,
+                    silence_logs=logging.CRITICAL,
+                )
+        except RuntimeError as error:
+            if attempt == _MAX_STARTS - 1:
+                raise UserError(f"the worker processes do not start ({error}); executor=serial needs none") from error
+    raise AssertionError("the last attempt returns or raises")
+
+
+@contextmanager
+def _interrupts_held_back() -> Iterator[None]:
+    """Keep Ctrl-C for this process: threads and processes that are started meanwhile never see it.
+
+    A terminal sends it to the workers too, and each would print a traceback.
+    """
+    resource_tracker.ensure_running()  # it would lift the block if it were started later
+    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
