@@ -4,13 +4,13 @@ from typing import Any
 
 import cv2
 import numpy as np
-import numpy.typing as npt
+from jaxtyping import UInt8
 
-ImageRGB = npt.NDArray[np.uint8]
+ImageRGB = UInt8[np.ndarray, "height width 3"]
 
 
 def encode_jpeg(image_rgb: ImageRGB, quality: int) -> bytes:
-    """Return an RGB picture (H, W, 3) as JPEG bytes; the same picture and quality give the same bytes."""
+    """Return an RGB picture as JPEG bytes; the same picture and quality give the same bytes."""
     bgr = cv2.cvtColor(image_rgb, cv2.COLOR_RGB2BGR)
     is_done, data = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, quality])
     if not is_done:
@@ -19,7 +19,7 @@ def encode_jpeg(image_rgb: ImageRGB, quality: int) -> bytes:
 
 
 def decode_image(data: bytes) -> ImageRGB:
-    """Return the RGB picture (H, W, 3) of JPEG or PNG bytes.
+    """Return the RGB picture of JPEG or PNG bytes.
 
     Raises:
         ValueError: the bytes are no picture.

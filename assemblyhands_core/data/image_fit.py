@@ -8,10 +8,11 @@ from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
+from jaxtyping import UInt8
 
 from assemblyhands_core.geometry.cameras import Camera
 
+Picture = UInt8[np.ndarray, "height width 3"]  # RGB
 FitChoice = Literal["auto", "same", "scaled", "letterboxed", "cropped"]
 FitKind = Literal["same", "scaled", "letterboxed", "cropped", "unknown"]
 
@@ -39,7 +40,7 @@ class ImageFit:
     is_suspect: bool = False
 
 
-def fit_image(camera: Camera, picture: NDArray[np.uint8], choice: FitChoice = "auto") -> ImageFit:
+def fit_image(camera: Camera, picture: Picture, choice: FitChoice = "auto") -> ImageFit:
     """Decide how a video relates to the image its camera was calibrated for.
 
     `same`: equal sizes. `scaled`: the aspect ratios agree within half a pixel. `letterboxed`: scaled uniformly until it
@@ -48,7 +49,7 @@ def fit_image(camera: Camera, picture: NDArray[np.uint8], choice: FitChoice = "a
 
     Args:
         camera: As calibrated.
-        picture: One frame of the video, or the brightest value of each pixel over several, RGB `(H, W, 3)`.
+        picture: One frame of the video, or the brightest value of each pixel over several.
         choice: `auto`, or what the user knows better; that is not checked against the picture.
 
     Returns:
@@ -78,7 +79,7 @@ def fit_image(camera: Camera, picture: NDArray[np.uint8], choice: FitChoice = "a
     return ImageFit("unknown", None, "image_size_mismatch", _remedy(calibrated, picture, sizes))
 
 
-def _proven_kind(calibrated: tuple[int, int], picture: NDArray[np.uint8]) -> FitKind:
+def _proven_kind(calibrated: tuple[int, int], picture: Picture) -> FitKind:
     height_px, width_px = picture.shape[:2]
     if (width_px, height_px) == calibrated:
         return "same"
@@ -99,14 +100,14 @@ def _content(calibrated: tuple[int, int], size: tuple[int, int]) -> tuple[int, f
     return axis, calibrated[axis] * scale
 
 
-def _black_edges(picture: NDArray[np.uint8], axis: int) -> tuple[int, int]:
+def _black_edges(picture: Picture, axis: int) -> tuple[int, int]:
     """Number of black columns (axis 0) or rows (axis 1) at either edge; all of them in a black picture."""
     brightness = picture.max(axis=2).mean(axis=axis)
     lit = np.flatnonzero(brightness > _MAX_BLACK)
     return (int(lit[0]), len(brightness) - 1 - int(lit[-1])) if len(lit) else (len(brightness), len(brightness))
 
 
-def _same(camera: Camera, picture: NDArray[np.uint8], sizes: str) -> ImageFit:
+def _same(camera: Camera, picture: Picture, sizes: str) -> ImageFit:
     edges = [bar for axis in (0, 1) for bar in _black_edges(picture, axis)]
     if max(edges) < _MIN_BAR_PX:
         return ImageFit("same", camera, None, f"{sizes}: the same.")
@@ -118,7 +119,7 @@ def _same(camera: Camera, picture: NDArray[np.uint8], sizes: str) -> ImageFit:
     return ImageFit("same", camera, None, warning, is_suspect=True)
 
 
-def _letterboxed(camera: Camera, picture: NDArray[np.uint8], what: str) -> ImageFit:
+def _letterboxed(camera: Camera, picture: Picture, what: str) -> ImageFit:
     """Whole pixels between the bars: the whole calibrated image along their axis; across, it fills the video."""
     size = picture.shape[1], picture.shape[0]
     axis, exact_length_px = _content((camera.width_px, camera.height_px), size)
@@ -152,7 +153,7 @@ def _placed(camera: Camera, size: tuple[int, int], shift: tuple[float, float]) -
     return replace(camera, width_px=size[0], height_px=size[1], cx_px=cx_px, cy_px=cy_px)
 
 
-def _remedy(calibrated: tuple[int, int], picture: NDArray[np.uint8], sizes: str) -> str:
+def _remedy(calibrated: tuple[int, int], picture: Picture, sizes: str) -> str:
     height_px, width_px = picture.shape[:2]
     if (height_px, width_px) == calibrated:
         return f"{sizes}: it lies on its side; turn the video, or calibrate with pictures turned like it."

@@ -1,14 +1,13 @@
 """How well each point of a triangulation came out, as the outcome columns of ``data/catalog.py``."""
 
-from typing import Any
-
 import numpy as np
+from jaxtyping import Shaped
 
 from assemblyhands_core.geometry.triangulation import Triangulation
 
 
-def outcome_columns(found: Triangulation, num_points: int) -> dict[str, Any]:
-    """Return the columns valid, reason, num_views and reprojection_px, each (rows, num_points).
+def outcome_columns(found: Triangulation, num_points: int) -> dict[str, Shaped[np.ndarray, "row {num_points}"]]:
+    """Return the columns valid, reason, num_views and reprojection_px, with so many points in a row.
 
     The reprojection error is the mean over a point's inlier views in pixels, NaN where the point is missing.
     """

@@ -1,4 +1,4 @@
-"""Readers of files of 2D keypoints: every reader returns (N, K, 3) arrays of x, y, confidence."""
+"""Readers of files of 2D keypoints: every reader returns arrays of x, y, confidence."""
 
 import json
 import re
@@ -9,10 +9,13 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
+from jaxtyping import Float64
 
-from assemblyhands_core.detectors.base import DetectorError, FloatArray, from_wrist_first
+from assemblyhands_core.detectors.base import DetectorError, from_wrist_first
 from assemblyhands_core.hands.body import NUM_BODY_KEYPOINTS
 from assemblyhands_core.hands.joints import HANDS, NUM_JOINTS, Hand
+
+Triples = Float64[np.ndarray, "_keypoint 3"]  # x, y, confidence
 
 # Which keypoint of a body of so many keypoints each COCO-17 keypoint is: COCO-17 itself, OpenPose COCO-18 and BODY_25,
 # HALPE-26 and COCO-WholeBody (the last two begin with COCO-17).
@@ -36,20 +39,20 @@ class OpenPoseFolder:
         self._folder = folder
         self._files: dict[str, dict[int, Path]] = {}
 
-    def bodies(self, camera_id: str, frame: int) -> FloatArray:
-        """Return (N, 17, 3) COCO-17 order."""
+    def bodies(self, camera_id: str, frame: int) -> Float64[np.ndarray, "detection keypoint=17 3"]:
+        """Return the bodies in COCO-17 order."""
         found = [_coco_body(body) for body in self._people(camera_id, frame, "pose_keypoints_2d")]
         return np.stack(found) if found else np.empty((0, NUM_BODY_KEYPOINTS, 3))
 
-    def hands(self, hand: Hand, camera_id: str, frame: int) -> FloatArray:
-        """Return (N, 21, 3) AssemblyHands order."""
+    def hands(self, hand: Hand, camera_id: str, frame: int) -> Float64[np.ndarray, "detection joint=21 3"]:
+        """Return the hands in AssemblyHands order."""
         found = self._people(camera_id, frame, f"hand_{hand}_keypoints_2d")
         whole = [body for body in self._people(camera_id, frame, "pose_keypoints_2d") if len(body) == _WHOLE_BODY]
         found += [body[_WHOLE_BODY_HANDS[hand]] for body in whole]
         return np.stack([from_wrist_first(h) for h in found]) if found else np.empty((0, NUM_JOINTS, 3))
 
-    def _people(self, camera_id: str, frame: int, key: str) -> list[FloatArray]:
-        """Return the (K, 3) arrays under a key of the frame's file; a frame without file has nobody."""
+    def _people(self, camera_id: str, frame: int, key: str) -> list[Triples]:
+        """Return the keypoints under a key of the frame's file; a frame without file has nobody."""
         file = self._frames_of(camera_id).get(frame)
         if file is None:
             return []
@@ -108,12 +111,12 @@ class ParquetKeypoints:
         self._cameras = {camera for camera, _ in self._rows}
         self._path = path
 
-    def bodies(self, camera_id: str, frame: int) -> FloatArray:
-        """Return (N, 17, 3) COCO-17 order, by person."""
+    def bodies(self, camera_id: str, frame: int) -> Float64[np.ndarray, "detection keypoint=17 3"]:
+        """Return the bodies in COCO-17 order, by person."""
         return self._values[sorted(self._rows_of(camera_id, frame), key=lambda row: self._kinds[row])]
 
-    def hands(self, hand: Hand, camera_id: str, frame: int) -> FloatArray:
-        """Return (N, 21, 3) AssemblyHands order."""
+    def hands(self, hand: Hand, camera_id: str, frame: int) -> Float64[np.ndarray, "detection joint=21 3"]:
+        """Return the hands in AssemblyHands order."""
         return self._values[[row for row in self._rows_of(camera_id, frame) if self._kinds[row] == hand]]
 
     def _rows_of(self, camera_id: str, frame: int) -> list[int]:
@@ -126,7 +129,7 @@ class ParquetKeypoints:
             raise DetectorError(f"{path} names a hand {sorted(map(str, strange))[0]!r}: only right and left are known.")
 
 
-def _coco_body(body: FloatArray) -> FloatArray:
+def _coco_body(body: Triples) -> Float64[np.ndarray, "keypoint=17 3"]:
     return body[list(COCO_FROM_BODY[len(body)])]
 
 
@@ -138,8 +141,8 @@ def _read_json(file: Path) -> dict[str, Any]:
     return content if isinstance(content, dict) else {}
 
 
-def _triples(numbers: Any, key: str, file: Path) -> FloatArray:
-    """Return the (K, 3) array of OpenPose's flat list, checked."""
+def _triples(numbers: Any, key: str, file: Path) -> Triples:
+    """Return the keypoints of OpenPose's flat list, checked."""
     try:
         values = np.asarray(numbers, dtype=np.float64).reshape(-1, 3)
     except (TypeError, ValueError) as error:
@@ -150,8 +153,8 @@ def _triples(numbers: Any, key: str, file: Path) -> FloatArray:
     return values
 
 
-def _numbers(table: pa.Table, column: str, length: int, path: Path) -> FloatArray:
-    """Return (rows, length) of a list column."""
+def _numbers(table: pa.Table, column: str, length: int, path: Path) -> Float64[np.ndarray, "row {length}"]:
+    """Return the numbers of a list column."""
     lists = table[column].combine_chunks()
     lengths = set(pc.unique(pc.list_value_length(lists)).to_pylist())
     if lengths - {length}:

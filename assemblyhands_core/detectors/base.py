@@ -5,16 +5,17 @@ of the frames nor the number of workers can change it. Missing keypoints are NaN
 """
 
 from dataclasses import dataclass
-from typing import Any, Final, Protocol
+from typing import Any, Final, Protocol, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
+from jaxtyping import Float64, Real, UInt8
 
 from assemblyhands_core.hands.body import BODY_KEYPOINT_NAMES, NUM_BODY_KEYPOINTS
 from assemblyhands_core.hands.joints import NUM_JOINTS, WRIST_FIRST_ORDER, Hand
 
 FloatArray = npt.NDArray[np.float64]
-ImageRGB = npt.NDArray[np.uint8]
+ImageRGB = UInt8[np.ndarray, "height width 3"]
 
 _OTHER_SIDE: Final = {"left": "right", "right": "left"}
 # Each body keypoint's counterpart of the other side: what is left to exchange where a detector took a back for a front.
@@ -33,12 +34,12 @@ class BodyDetections:
     """The persons found in one image.
 
     Attributes:
-        keypoints_px: (N, 17, 2) COCO-17 order, raw pixels of the image; NaN = missing.
-        confidence: (N, 17) in 0..1; 0 = missing.
+        keypoints_px: COCO-17 order, raw pixels of the image; NaN = missing.
+        confidence: In 0..1; 0 = missing.
     """
 
-    keypoints_px: FloatArray
-    confidence: FloatArray
+    keypoints_px: Float64[np.ndarray, "detection keypoint=17 2"]
+    confidence: Float64[np.ndarray, "detection keypoint=17"]
 
     def __post_init__(self) -> None:
         _check_shapes(self.keypoints_px, self.confidence, (len(self.keypoints_px), NUM_BODY_KEYPOINTS))
@@ -54,27 +55,29 @@ class HandDetection:
     """The joints of one hand in one image.
 
     Attributes:
-        keypoints_px: (21, 2) AssemblyHands order (tip→base, wrist last), pixels of the image; NaN = missing.
-        confidence: (21,) in 0..1; 0 = missing.
+        keypoints_px: AssemblyHands order (tip→base, wrist last), pixels of the image; NaN = missing.
+        confidence: In 0..1; 0 = missing.
     """
 
-    keypoints_px: FloatArray
-    confidence: FloatArray
+    keypoints_px: Float64[np.ndarray, "joint=21 2"]
+    confidence: Float64[np.ndarray, "joint=21"]
 
     def __post_init__(self) -> None:
         _check_shapes(self.keypoints_px, self.confidence, (NUM_JOINTS,))
 
 
+@runtime_checkable
 class BodyDetector(Protocol):
     """Finds the persons in an image."""
 
     needs_image: bool
 
     def detect(self, image_rgb: ImageRGB | None, camera_id: str, frame: int) -> BodyDetections:
-        """Return the persons of one camera's image (H, W, 3); None only where ``needs_image`` is False."""
+        """Return the persons of one camera's image; None only where ``needs_image`` is False."""
         ...
 
 
+@runtime_checkable
 class HandDetector(Protocol):
     """Finds one given hand in an image of it."""
 
@@ -86,16 +89,16 @@ class HandDetector(Protocol):
         hand: Hand,
         camera_id: str,
         frame: int,
-        expected_px: FloatArray | None = None,
+        expected_px: Float64[np.ndarray, "2"] | None = None,
     ) -> HandDetection | None:
         """Return the hand, or None where it is not found.
 
         Args:
-            image_rgb: (H, W, 3) a crop around the hand; None only where ``needs_image`` is False.
+            image_rgb: a crop around the hand; None only where ``needs_image`` is False.
             hand: which hand to look for.
             camera_id: the camera that saw it.
             frame: frame number in the sequence.
-            expected_px: (2,) where the hand should be; chooses among several. Default: the middle of the crop.
+            expected_px: where the hand should be; chooses among several. Default: the middle of the crop.
 
         Returns:
             The joints in pixels of ``image_rgb``; where ``needs_image`` is False in raw pixels of the camera's image.
@@ -103,20 +106,22 @@ class HandDetector(Protocol):
         ...
 
 
-def from_wrist_first(values: npt.ArrayLike) -> FloatArray:
-    """Return (21, ...) values of OpenPose's and MediaPipe's joint order in ours (tip→base, wrist last)."""
+def from_wrist_first(values: Real[np.ndarray, "joint=21 *rest"]) -> Float64[np.ndarray, "joint=21 *rest"]:
+    """Return values of OpenPose's and MediaPipe's joint order in ours (tip→base, wrist last)."""
     source = np.asarray(values, dtype=np.float64)
     ordered = np.empty_like(source)
     ordered[list(WRIST_FIRST_ORDER)] = source
     return ordered
 
 
-def masked(keypoints_px: FloatArray, confidence: FloatArray) -> tuple[FloatArray, FloatArray]:
+def masked(
+    keypoints_px: Float64[np.ndarray, "*batch 2"], confidence: Float64[np.ndarray, "*batch"]
+) -> tuple[Float64[np.ndarray, "*batch 2"], Float64[np.ndarray, "*batch"]]:
     """Return both arrays with every keypoint that lacks a confidence or a finite place set to NaN and 0.
 
     Args:
-        keypoints_px: (..., 2) pixels.
-        confidence: (...) 0 or NaN = missing; values above 1 (heat-map peaks of some detectors) are set to 1.
+        keypoints_px: pixels.
+        confidence: 0 or NaN = missing; values above 1 (heat-map peaks of some detectors) are set to 1.
     """
     found = np.isfinite(keypoints_px).all(axis=-1) & (confidence > 0)
     return np.where(found[..., None], keypoints_px, np.nan), np.where(found, np.minimum(confidence, 1.0), 0.0)

@@ -1,33 +1,33 @@
 """Run a body detector over some frames of all views."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-import numpy.typing as npt
+from jaxtyping import Float64, Int, Shaped
 
 from assemblyhands_core.data.video import VideoReader
 from assemblyhands_core.detectors.base import BodyDetections, BodyDetector, ImageRGB
 from assemblyhands_core.hands.body import NUM_BODY_KEYPOINTS
 
-Floats = npt.NDArray[np.floating[Any]]
 
-
-class BodiesInViews(NamedTuple):
-    """The persons in F frames of V views, up to N in each image.
+@dataclass(frozen=True, eq=False)
+class BodiesInViews:
+    """The persons in some frames of all views.
 
     Attributes:
-        keypoints_px: (F, V, N, 17, 2) COCO-17 order, pixels of the view's video; NaN = missing.
-        confidence: (F, V, N, 17) in 0..1; 0 = missing.
-        num_persons: (F, V) how many were found.
-        reason: (F, V) texts, why nobody was found: ``skipped_frame`` (not looked at), ``missing_frame`` (the view lacks
-            it), ``no_detection``; empty where somebody was.
+        keypoints_px: COCO-17 order, pixels of the view's video; NaN = missing.
+        confidence: in 0..1; 0 = missing.
+        num_persons: how many were found.
+        reason: texts, why nobody was found: ``skipped_frame`` (not looked at), ``missing_frame`` (the view lacks it),
+            ``no_detection``; empty where somebody was.
     """
 
-    keypoints_px: Floats
-    confidence: Floats
-    num_persons: npt.NDArray[np.int64]
-    reason: npt.NDArray[np.object_]
+    keypoints_px: Float64[np.ndarray, "frame view detection keypoint=17 2"]
+    confidence: Float64[np.ndarray, "frame view detection keypoint=17"]
+    num_persons: Int[np.ndarray, "frame view"]
+    reason: Shaped[np.ndarray, "frame view"]
 
 
 def detect_bodies(
@@ -83,7 +83,7 @@ def _at_full_size(found: BodyDetections, image: ImageRGB | None, view: Mapping[s
     return BodyDetections((found.keypoints_px + 0.5) * scale - 0.5, found.confidence)
 
 
-def _stack(by_view: Sequence[Sequence[BodyDetections]], reason: npt.NDArray[np.object_]) -> BodiesInViews:
+def _stack(by_view: Sequence[Sequence[BodyDetections]], reason: Shaped[np.ndarray, "frame view"]) -> BodiesInViews:
     num_persons = np.zeros(reason.shape, dtype=np.int64)
     for v, frames in enumerate(by_view):
         num_persons[:, v] = [len(found.confidence) for found in frames]

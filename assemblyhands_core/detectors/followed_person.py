@@ -1,40 +1,39 @@
 """Of all bodies detected in all views, the keypoints of the one person that is followed."""
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
+from jaxtyping import Bool, Float64, Shaped
 
 from assemblyhands_core.detectors.base import BODY_MIRROR
 from assemblyhands_core.detectors.bodies import BodiesInViews
 from assemblyhands_core.geometry.association import associate_persons, follow_person
 from assemblyhands_core.geometry.cameras import Camera
 
-Floats = npt.NDArray[np.floating[Any]]
 
-
-class PersonInViews(NamedTuple):
-    """One person in F frames of V views, left being left in all of them.
+@dataclass(frozen=True, eq=False)
+class PersonInViews:
+    """One person in some frames of all views, left being left in all of them.
 
     Attributes:
-        keypoints_px: (F, V, 17, 2) COCO-17 order, pixels of the view's video; NaN = missing.
-        confidence: (F, V, 17) in 0..1; 0 = missing.
-        reason: (F, V) texts, why a view does not see the person: as in ``BodiesInViews``, or ``not_associated`` (it
+        keypoints_px: COCO-17 order, pixels of the view's video; NaN = missing.
+        confidence: in 0..1; 0 = missing.
+        reason: texts, why a view does not see the person: as in ``BodiesInViews``, or ``not_associated`` (it
             sees persons, none of whom fits what the other views see); empty where it does.
         num_persons: the most persons that the views agree on in any frame.
         sentence: who was followed and why, for the user.
     """
 
-    keypoints_px: Floats
-    confidence: Floats
-    reason: npt.NDArray[np.object_]
+    keypoints_px: Float64[np.ndarray, "frame view keypoint=17 2"]
+    confidence: Float64[np.ndarray, "frame view keypoint=17"]
+    reason: Shaped[np.ndarray, "frame view"]
     num_persons: int
     sentence: str
 
     @property
-    def is_seen(self) -> npt.NDArray[np.bool_]:
-        """Return (F, V) whether the view sees the person."""
+    def is_seen(self) -> Bool[np.ndarray, "frame view"]:
+        """Return whether the view sees the person."""
         return np.asarray(self.reason == "", dtype=np.bool_)
 
 
@@ -44,8 +43,8 @@ def follow_in_views(
     """Tell the persons apart across views, choose the one to follow and return that one's keypoints.
 
     Args:
-        found: bodies in the frames of V views.
-        cameras: V cameras.
+        found: bodies in the frames of all views.
+        cameras: one for each view.
         max_reprojection_px: keypoints of one person agree across views within this distance.
         max_persons: persons told apart.
     """

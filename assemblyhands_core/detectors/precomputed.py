@@ -12,21 +12,23 @@ Keypoints with confidence 0 are missing. Results are in raw pixels of the camera
 import hashlib
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
+from jaxtyping import Float64
 
 from assemblyhands_core.data.digests import digest_file
 from assemblyhands_core.detectors._keypoint_files import OpenPoseFolder, ParquetKeypoints
-from assemblyhands_core.detectors.base import BodyDetections, DetectorError, FloatArray, HandDetection, ImageRGB, masked
+from assemblyhands_core.detectors.base import BodyDetections, DetectorError, HandDetection, ImageRGB, masked
 from assemblyhands_core.hands.body import NUM_BODY_KEYPOINTS
 from assemblyhands_core.hands.joints import NUM_JOINTS, Hand
 
 
+@runtime_checkable
 class _Source(Protocol):
-    def bodies(self, camera_id: str, frame: int) -> FloatArray: ...
+    def bodies(self, camera_id: str, frame: int) -> Float64[np.ndarray, "detection keypoint=17 3"]: ...
 
-    def hands(self, hand: Hand, camera_id: str, frame: int) -> FloatArray: ...
+    def hands(self, hand: Hand, camera_id: str, frame: int) -> Float64[np.ndarray, "detection joint=21 3"]: ...
 
 
 class PrecomputedBody:
@@ -75,9 +77,9 @@ class PrecomputedHands:
         hand: Hand,
         camera_id: str,
         frame: int,
-        expected_px: FloatArray | None = None,
+        expected_px: Float64[np.ndarray, "2"] | None = None,
     ) -> HandDetection | None:
-        """Return the stored hand nearest to ``expected_px`` (2,) raw px, by default the most confident one."""
+        """Return the stored hand nearest to ``expected_px`` in raw px, by default the most confident one."""
         stored = self._source.hands(hand, camera_id, frame)
         hands = [(k, c) for k, c in (masked(h[:, :2], h[:, 2]) for h in stored) if (c > 0).any()]
         if not hands:

@@ -7,13 +7,13 @@ from pathlib import Path
 from typing import Any, Final, Literal
 
 import numpy as np
+from jaxtyping import Float64
 
 from assemblyhands_core.data.digests import digest_file
 from assemblyhands_core.detectors._packages import import_package, package_version
 from assemblyhands_core.detectors.base import (
     BodyDetections,
     DetectorError,
-    FloatArray,
     HandDetection,
     ImageRGB,
     from_wrist_first,
@@ -55,7 +55,7 @@ class RtmlibBody:
         self._model = _load("Body", mode=mode, det=det, pose=pose, backend=backend, device=device)
 
     def detect(self, image_rgb: ImageRGB | None, camera_id: str, frame: int) -> BodyDetections:
-        """Return up to ``max_persons`` persons of the image (H, W, 3)."""
+        """Return up to ``max_persons`` persons of the image."""
         image = _bgr(image_rgb, camera_id, frame)
         boxes = self._model.det_model(image)
         if len(boxes) == 0:  # the pose model would take the whole image for a person
@@ -99,9 +99,9 @@ class RtmlibHands:
         hand: Hand,
         camera_id: str,
         frame: int,
-        expected_px: FloatArray | None = None,
+        expected_px: Float64[np.ndarray, "2"] | None = None,
     ) -> HandDetection | None:
-        """Return the hand of a crop (S, S, 3) nearest to ``expected_px``; these models do not tell right from left.
+        """Return the hand of a crop nearest to ``expected_px``; these models do not tell right from left.
 
         Where the hand detector finds nothing the whole crop is taken for the hand; the confidence tells.
         """

@@ -11,14 +11,13 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
+from jaxtyping import Bool, Float, Int
 
 from assemblyhands_core.geometry.cameras import Camera
 from assemblyhands_core.geometry.person_hypotheses import score_hypotheses
 
-Floats = npt.NDArray[np.floating]
-Ints = npt.NDArray[np.int64]
-Flags = npt.NDArray[np.bool_]
+Detections = Float[np.ndarray, "frame view detection keypoint 2"]
+Confidences = Float[np.ndarray, "frame view detection keypoint"]
 
 _FRAMES_AT_ONCE: Final = 16
 _NEARLY_EQUAL: Final = 0.2
@@ -32,23 +31,23 @@ class PersonAssociation:
     """Persons that the views agree on, best first, frame by frame.
 
     Attributes:
-        person_index: (F, P, V) which detection of the view is this person; -1 = none.
-        is_mirrored: (F, P, V) that detection has left and right exchanged.
-        points_world_mm: (F, P, K, 3) two-view triangulation of the winning hypothesis, world frame; NaN = missing.
+        person_index: which detection of the view is this person; -1 = none.
+        is_mirrored: that detection has left and right exchanged.
+        points_world_mm: two-view triangulation of the winning hypothesis, world frame; NaN = missing.
     """
 
-    person_index: Ints
-    is_mirrored: Flags
-    points_world_mm: Floats
+    person_index: Int[np.ndarray, "frame person view"]
+    is_mirrored: Bool[np.ndarray, "frame person view"]
+    points_world_mm: Float[np.ndarray, "frame person keypoint 3"]
 
     @property
-    def num_views(self) -> Ints:
-        """Return (F, P) how many views see each person; 0 = no such person."""
+    def num_views(self) -> Int[np.ndarray, "frame person"]:
+        """Return how many views see each person; 0 = no such person."""
         return np.asarray((self.person_index >= 0).sum(axis=-1), dtype=np.int64)
 
     @property
-    def center_world_mm(self) -> Floats:
-        """Return (F, P, 3) the median of each person's points, world frame; NaN = no such person."""
+    def center_world_mm(self) -> Float[np.ndarray, "frame person 3"]:
+        """Return the median of each person's points, world frame; NaN = no such person."""
         return _nan_median(self.points_world_mm)
 
 
@@ -57,27 +56,27 @@ class FollowedPerson:
     """The one person that a shard is about.
 
     Attributes:
-        person_index: (F, V) which detection of the view is the followed person; -1 = none.
-        is_mirrored: (F, V) that detection has left and right exchanged.
+        person_index: which detection of the view is the followed person; -1 = none.
+        is_mirrored: that detection has left and right exchanged.
         sentence: who was followed and why, for the user.
     """
 
-    person_index: Ints
-    is_mirrored: Flags
+    person_index: Int[np.ndarray, "frame view"]
+    is_mirrored: Bool[np.ndarray, "frame view"]
     sentence: str
 
     def select(
-        self, keypoints_px: Floats, confidence: Floats, mirror: Sequence[int] | None = None
-    ) -> tuple[Floats, Floats]:
+        self, keypoints_px: Detections, confidence: Confidences, mirror: Sequence[int] | None = None
+    ) -> tuple[Float[np.ndarray, "frame view keypoint 2"], Float[np.ndarray, "frame view keypoint"]]:
         """Return the followed person's own keypoints and confidence, left being left in every view.
 
         Args:
-            keypoints_px: (F, V, N, K, 2) as given to ``associate_persons``.
-            confidence: (F, V, N, K).
-            mirror: (K,) as given to ``associate_persons``.
+            keypoints_px: as given to ``associate_persons``.
+            confidence: as given to ``associate_persons``.
+            mirror: as given to ``associate_persons``.
 
         Returns:
-            (F, V, K, 2) pixels, NaN = missing, and (F, V, K), 0 = missing.
+            Raw pixels, NaN = missing, and their confidence, 0 = missing.
         """
         is_seen = self.person_index >= 0
         if keypoints_px.shape[2] == 0:
@@ -93,8 +92,8 @@ class FollowedPerson:
 
 
 def associate_persons(
-    keypoints_px: Floats,
-    confidence: Floats,
+    keypoints_px: Detections,
+    confidence: Confidences,
     cameras: Sequence[Camera],
     *,
     max_reprojection_px: float,
@@ -104,12 +103,12 @@ def associate_persons(
     """Assign the persons detected in several views to one another.
 
     Args:
-        keypoints_px: (F, V, N, K, 2) raw pixels, up to N persons per view; NaN = missing.
-        confidence: (F, V, N, K) weights in 0..1; 0 = missing.
-        cameras: V cameras.
+        keypoints_px: raw pixels; NaN = missing.
+        confidence: weights in 0..1; 0 = missing.
+        cameras: one for each view.
         max_reprojection_px: a keypoint agrees with a hypothesis when it lies within this distance.
         max_persons: at most so many persons are returned.
-        mirror: (K,) each keypoint's counterpart of the other side; None = detections have their sides right.
+        mirror: each keypoint's counterpart of the other side; None = detections have their sides right.
 
     Returns:
         Up to ``max_persons`` persons per frame, each seen by at least two views.
@@ -133,7 +132,7 @@ def associate_persons(
     return PersonAssociation(index, candidate >= max(num_detections, 1), points)
 
 
-def _check_shapes(keypoints_px: Floats, confidence: Floats, cameras: Sequence[Camera]) -> None:
+def _check_shapes(keypoints_px: Detections, confidence: Confidences, cameras: Sequence[Camera]) -> None:
     if keypoints_px.ndim != 5 or keypoints_px.shape[-1] != 2 or keypoints_px.shape[:-1] != confidence.shape:
         raise ValueError(
             f"keypoints_px {keypoints_px.shape} must be (frames, views, persons, keypoints, 2) "
@@ -189,18 +188,23 @@ def follow_person(
     return FollowedPerson(index, is_mirrored, sentence)
 
 
-def _exchanged(points_world_mm: Floats, mirror: list[int], num_mirrored: Ints, num_seen: Ints) -> Flags:
-    """Return (F,) in which frames of a track left and right must be exchanged once more.
+def _exchanged(
+    points_world_mm: Float[np.ndarray, "frame keypoint 3"],
+    mirror: list[int],
+    num_mirrored: Int[np.ndarray, " frame"],
+    num_seen: Int[np.ndarray, " frame"],
+) -> Bool[np.ndarray, " frame"]:
+    """Return in which frames of a track left and right must be exchanged once more.
 
     The labelling of least cost over the track: each view that must be taken for its mirror image costs 1, each jump of
     left to right from one frame to the next costs ``_JUMP_COST``. So where as many views say one as the other the
     frames around decide, and somebody who turned round unseen is not mistaken for ever.
 
     Args:
-        points_world_mm: (F, K, 3) the person's points as the frames' best hypotheses label them.
-        mirror: (K,) counterparts.
-        num_mirrored: (F,) views whose sides those hypotheses exchange.
-        num_seen: (F,) views that see the person.
+        points_world_mm: the person's points as the frames' best hypotheses label them.
+        mirror: counterparts.
+        num_mirrored: views whose sides those hypotheses exchange.
+        num_seen: views that see the person.
     """
     paired = [k for k, other in enumerate(mirror) if k != other]
     counterparts = [mirror[k] for k in paired]
@@ -219,14 +223,14 @@ def _exchanged(points_world_mm: Floats, mirror: list[int], num_mirrored: Ints, n
     return np.array(states[::-1], dtype=np.bool_)
 
 
-def _median_distance(points: Floats, others: Floats) -> float:
+def _median_distance(points: Float[np.ndarray, "keypoint 3"], others: Float[np.ndarray, "keypoint 3"]) -> float:
     distance = np.linalg.norm(points - others, axis=-1)
     known = distance[np.isfinite(distance)]
     return float(np.median(known)) if len(known) else np.inf
 
 
-def point_looked_at(cameras: Sequence[Camera]) -> Floats:
-    """Return the point (3,) mm nearest to all optical axes, in the least-squares sense.
+def point_looked_at(cameras: Sequence[Camera]) -> Float[np.ndarray, "3"]:
+    """Return the point in mm nearest to all optical axes, in the least-squares sense.
 
     Axes that are all parallel meet nowhere: then the point nearest to the cameras' centres is taken.
     """
@@ -238,7 +242,7 @@ def point_looked_at(cameras: Sequence[Camera]) -> Floats:
     return np.asarray(middle + np.linalg.lstsq(across.sum(axis=0), right, rcond=1e-6)[0])
 
 
-def _nan_median(points: Floats) -> Floats:
+def _nan_median(points: Float[np.ndarray, "*batch keypoint 3"]) -> Float[np.ndarray, "*batch 3"]:
     """Return the median over the last but one axis, NaN where all are missing."""
     median = np.full((*points.shape[:-2], points.shape[-1]), np.nan)
     has_any = np.isfinite(points).all(axis=-1).any(axis=-1)
@@ -246,8 +250,8 @@ def _nan_median(points: Floats) -> Floats:
     return median
 
 
-def _link(center_world_mm: Floats, max_step_mm: float) -> list[dict[int, int]]:
-    """Return tracks, frame → person, by repeatedly joining the closest person (F, P, 3) and track of a frame."""
+def _link(center_world_mm: Float[np.ndarray, "frame person 3"], max_step_mm: float) -> list[dict[int, int]]:
+    """Return tracks, frame → person, by repeatedly joining the closest person and track of a frame."""
     tracks: list[dict[int, int]] = []
     for frame, centers in enumerate(center_world_mm):
         last = np.array([center_world_mm[max(track.items())] for track in tracks]).reshape(-1, 3)
@@ -262,13 +266,23 @@ def _link(center_world_mm: Floats, max_step_mm: float) -> list[dict[int, int]]:
     return tracks
 
 
-def _distances_mm(tracks: list[dict[int, int]], center_world_mm: Floats, target_mm: Floats) -> Floats:
-    """Return (T,) the median distance of each track from a point."""
+def _distances_mm(
+    tracks: list[dict[int, int]],
+    center_world_mm: Float[np.ndarray, "frame person 3"],
+    target_mm: Float[np.ndarray, "3"],
+) -> Float[np.ndarray, " track"]:
+    """Return the median distance of each track from a point."""
     places = [center_world_mm[list(track), list(track.values())] for track in tracks]
     return np.array([np.median(np.linalg.norm(place - target_mm, axis=-1)) for place in places])
 
 
-def _sentence(mean_views: Floats, distance_mm: Floats, chosen: int, num_rivals: int, num_views: int) -> str:
+def _sentence(
+    mean_views: Float[np.ndarray, " track"],
+    distance_mm: Float[np.ndarray, " track"],
+    chosen: int,
+    num_rivals: int,
+    num_views: int,
+) -> str:
     notable = np.flatnonzero(mean_views >= _NOTABLE * mean_views.max()).tolist()
     ranked = sorted(notable, key=lambda track: -float(mean_views[track]))
     text = f"seen in {mean_views[chosen]:.1f} of {num_views} views on average"

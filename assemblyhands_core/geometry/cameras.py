@@ -18,12 +18,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
+from jaxtyping import Bool, Float, Float64, Real
 
 from assemblyhands_core.geometry import transforms
 from assemblyhands_core.geometry.distortion import COEFFICIENT_NAMES, Lens, Pinhole, lens_from_coefficients
-
-Floats = npt.NDArray[np.floating]
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +37,7 @@ class Camera:
         cx_px: Principal point, pixel-centre convention.
         cy_px: Principal point, pixel-centre convention.
         lens: Distortion model.
-        T_camera_from_world: `(4, 4)` rigid, mm; kept as a read-only float64 copy.
+        T_camera_from_world: Rigid, mm; kept as a read-only float64 copy.
 
     Raises:
         ValueError: A size or focal length is not positive, a number not finite or the pose not rigid.
@@ -53,7 +51,7 @@ class Camera:
     cx_px: float
     cy_px: float
     lens: Lens
-    T_camera_from_world: Floats
+    T_camera_from_world: Float[np.ndarray, "4 4"]
 
     def __post_init__(self) -> None:
         pose = np.array(self.T_camera_from_world, dtype=np.float64)
@@ -71,18 +69,18 @@ class Camera:
             )
 
     @property
-    def center_world_mm(self) -> Floats:
-        """The centre of projection `(3,)` in the world."""
+    def center_world_mm(self) -> Float64[np.ndarray, "3"]:
+        """The centre of projection in the world."""
         return transforms.inverse(self.T_camera_from_world)[:3, 3]
 
     @property
-    def K(self) -> Floats:
-        """The intrinsic matrix `(3, 3)`, without the lens."""
+    def K(self) -> Float64[np.ndarray, "3 3"]:
+        """The intrinsic matrix, without the lens."""
         return np.array([[self.fx_px, 0.0, self.cx_px], [0.0, self.fy_px, self.cy_px], [0.0, 0.0, 1.0]])
 
     @property
-    def P_pixel_from_world(self) -> Floats:
-        """The projection matrix `(3, 4)` from homogeneous world mm to homogeneous pixels.
+    def P_pixel_from_world(self) -> Float64[np.ndarray, "3 4"]:
+        """The projection matrix from homogeneous world mm to homogeneous pixels.
 
         Raises:
             ValueError: The lens is not `Pinhole`, so no matrix can describe it.
@@ -92,62 +90,53 @@ class Camera:
                 f"Camera {self.camera_id} has lens {self.lens.model}, which no matrix describes: "
                 "use its rectified camera."
             )
-        matrix: Floats = self.K @ self.T_camera_from_world[:3]
-        return matrix
+        return np.asarray(self.K @ self.T_camera_from_world[:3])
 
-    def to_camera(self, points_world_mm: Floats) -> Floats:
-        """Move world points `(..., 3)` in mm into the camera frame."""
+    def to_camera(self, points_world_mm: Real[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3"]:
+        """Move world points in mm into the camera frame."""
         return transforms.apply(self.T_camera_from_world, _floating(points_world_mm))
 
-    def depth_mm(self, points_world_mm: Floats) -> Floats:
-        """Return the z coordinate `(...,)` of world points `(..., 3)` in the camera frame."""
-        depth: Floats = self.to_camera(points_world_mm)[..., 2]
-        return depth
+    def depth_mm(self, points_world_mm: Real[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch"]:
+        """Return the z coordinate of world points in the camera frame."""
+        return np.asarray(self.to_camera(points_world_mm)[..., 2])
 
-    def project(self, points_world_mm: Floats) -> Floats:
+    def project(self, points_world_mm: Real[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 2"]:
         """Project world points with the real lens distortion.
 
-        Args:
-            points_world_mm: `(..., 3)`.
-
         Returns:
-            Pixels `(..., 2)`; NaN where the point lies behind the camera or outside the valid field of the lens.
+            Pixels; NaN where the point lies behind the camera or outside the valid field of the lens.
         """
         points = _floating(points_world_mm)
         pixels = self.project_camera(transforms.apply(self.T_camera_from_world, points.astype(np.float64, copy=False)))
         return pixels.astype(points.dtype, copy=False)
 
-    def unproject(self, pixels: Floats) -> Floats:
-        """Return the unit rays in the world of pixels, by the exact inverse of the lens.
-
-        Args:
-            pixels: `(..., 2)`, raw (distorted).
+    def unproject(self, pixels: Real[np.ndarray, "*batch 2"]) -> Float[np.ndarray, "*batch 3"]:
+        """Return the unit rays in the world of raw (distorted) pixels, by the exact inverse of the lens.
 
         Returns:
-            Unit vectors `(..., 3)` from `center_world_mm`; NaN outside the valid field of the lens.
+            Unit vectors from `center_world_mm`; NaN outside the valid field of the lens.
         """
         given = _floating(pixels)
         rays = self.unproject_camera(given.astype(np.float64, copy=False)) @ self.T_camera_from_world[:3, :3]
-        return rays.astype(given.dtype, copy=False)
+        return np.asarray(rays, dtype=given.dtype)
 
-    def project_camera(self, points_camera_mm: Floats) -> Floats:
-        """Map points or rays `(..., 3)` of the camera frame to pixels `(..., 2)`."""
+    def project_camera(self, points_camera_mm: Real[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 2"]:
+        """Map points or rays of the camera frame to pixels."""
         normalised = self.lens.distort(points_camera_mm)
-        pixels: Floats = normalised * self._focal_px + self._principal_px
-        return pixels.astype(normalised.dtype, copy=False)
+        return np.asarray(normalised * self._focal_px + self._principal_px, dtype=normalised.dtype)
 
-    def unproject_camera(self, pixels: Floats) -> Floats:
-        """Map pixels `(..., 2)` to unit rays `(..., 3)` of the camera frame."""
+    def unproject_camera(self, pixels: Real[np.ndarray, "*batch 2"]) -> Float[np.ndarray, "*batch 3"]:
+        """Map pixels to unit rays of the camera frame."""
         given = _floating(pixels)
         return self.lens.undistort(((given - self._principal_px) / self._focal_px).astype(given.dtype, copy=False))
 
-    def contains(self, pixels: Floats) -> npt.NDArray[np.bool_]:
-        """Tell which pixels `(..., 2)` lie on the image, which spans [-0.5, W - 0.5] × [-0.5, H - 0.5]."""
+    def contains(self, pixels: Real[np.ndarray, "*batch 2"]) -> Bool[np.ndarray, "*batch"]:
+        """Tell which pixels lie on the image, which spans [-0.5, W - 0.5] × [-0.5, H - 0.5]."""
         upper = np.array([self.width_px, self.height_px]) - 0.5
         inside = (pixels >= -0.5) & (pixels <= upper)
         return np.asarray(inside[..., 0] & inside[..., 1])
 
-    def moved(self, T_camera_from_world: Floats) -> "Camera":
+    def moved(self, T_camera_from_world: Float[np.ndarray, "4 4"]) -> "Camera":
         """Return the same camera at another pose, for example a head-mounted one in the next frame."""
         return replace(self, T_camera_from_world=T_camera_from_world)
 
@@ -165,11 +154,11 @@ class Camera:
         )
 
     @property
-    def _focal_px(self) -> Floats:
+    def _focal_px(self) -> Float64[np.ndarray, "2"]:
         return np.array([self.fx_px, self.fy_px])
 
     @property
-    def _principal_px(self) -> Floats:
+    def _principal_px(self) -> Float64[np.ndarray, "2"]:
         return np.array([self.cx_px, self.cy_px])
 
 
@@ -253,14 +242,14 @@ def _number(block: Mapping[str, Any], key: str) -> float:
     return float(value)
 
 
-def _pose(value: Any) -> Floats:
+def _pose(value: Any) -> Float64[np.ndarray, "..."]:
     try:
         return np.array(value, dtype=np.float64)
     except (TypeError, ValueError):
         raise ValueError("ModelViewMatrix is no 4x4 list of numbers; export the calibration again.") from None
 
 
-def _floating(values: Floats) -> Floats:
+def _floating(values: Real[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
     """Return float32 and float64 as they are and anything else as float64."""
     values = np.asarray(values)
     return values if values.dtype in (np.float32, np.float64) else values.astype(np.float64)

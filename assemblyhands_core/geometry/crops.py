@@ -4,18 +4,15 @@ A *source* camera is the real one with its lens, a *target* is a pinhole at the 
 pinhole camera, so whatever is found in a crop is triangulated with that camera and nothing has to be mapped back.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import cv2
 import numpy as np
-import numpy.typing as npt
+from jaxtyping import Bool, Float, Float32, Float64, Int, Shaped
 
 from assemblyhands_core.geometry.cameras import Camera
 from assemblyhands_core.geometry.distortion import Pinhole
-
-Floats = npt.NDArray[np.floating]
-Mask = npt.NDArray[np.bool_]
 
 STEP_PX = 8.0
 MAX_RESIDUAL_PX = 0.02
@@ -49,7 +46,9 @@ def rectified(camera: Camera, focal_scale: float = 1.0, size: tuple[int, int] | 
     )
 
 
-def crop_camera(camera: Camera, center_px: npt.ArrayLike, side_px: float, size_px: int) -> Camera:
+def crop_camera(
+    camera: Camera, center_px: Sequence[float] | Float[np.ndarray, "2"], side_px: float, size_px: int
+) -> Camera:
     """Return the camera of a square window of a rectified image, resampled to another size.
 
     Window x spans [c - side/2, c + side/2]; with s = size/side a pixel x of the image is (x - c + side/2) s - 1/2 in
@@ -57,14 +56,14 @@ def crop_camera(camera: Camera, center_px: npt.ArrayLike, side_px: float, size_p
 
     Args:
         camera: Pinhole camera of the rectified image.
-        center_px: Centre `(2,)` of the window; it may lie outside the image and between pixels.
+        center_px: Centre (x, y) of the window; it may lie outside the image and between pixels.
         side_px: Side of the window in the rectified image.
         size_px: Side of the crop in its own pixels.
 
     Raises:
         ValueError: The camera is no pinhole, or the window has no positive finite size.
     """
-    x, y = (float(value) for value in np.asarray(center_px))
+    x, y = (float(value) for value in center_px)
     if not isinstance(camera.lens, Pinhole):
         raise ValueError(f"Camera {camera.camera_id} has lens {camera.lens.model}: crop its rectified camera instead.")
     if not (np.isfinite([x, y, side_px]).all() and side_px > 0 and size_px > 0):
@@ -84,18 +83,18 @@ def crop_camera(camera: Camera, center_px: npt.ArrayLike, side_px: float, size_p
     )
 
 
-def square_box(points_px: Floats, gamma: float) -> tuple[Floats, float]:
+def square_box(points_px: Float[np.ndarray, "keypoint 2"], gamma: float) -> tuple[Float[np.ndarray, "2"], float]:
     """Return the square box around keypoints: L = γ · max(max x - min x, max y - min y).
 
     The paper (supplement, "Processing of exocentric images") centres it on the geometric centre of the keypoints;
     here that is the middle of their extent, so that with γ ≥ 1 no keypoint leaves its own box.
 
     Args:
-        points_px: `(N, 2)`; rows with NaN are left out.
+        points_px: Rows with NaN are left out.
         gamma: Expansion coefficient, 1.5 on average in the paper.
 
     Returns:
-        Centre `(2,)` in px and side L in px.
+        Centre and side L, both in px.
 
     Raises:
         ValueError: No row is finite.
@@ -107,8 +106,10 @@ def square_box(points_px: Floats, gamma: float) -> tuple[Floats, float]:
     return (lower + upper) / 2, float(gamma * (upper - lower).max())
 
 
-def source_pixels(source: Camera, target: Camera, pixels: Floats) -> Floats:
-    """Return where pixels `(..., 2)` of the target lie in the raw source image, exactly; NaN where nowhere.
+def source_pixels(
+    source: Camera, target: Camera, pixels: Float[np.ndarray, "*batch 2"]
+) -> Float[np.ndarray, "*batch 2"]:
+    """Return where pixels of the target lie in the raw source image, exactly; NaN where nowhere.
 
     Raises:
         ValueError: The two cameras do not share their centre, so no map between the images exists.
@@ -130,12 +131,12 @@ def kept_field_fraction(source: Camera, target: Camera, step_px: float = STEP_PX
     return float(target.contains(seen).mean())
 
 
-def valid_mask(source: Camera, target: Camera) -> Mask:
-    """Tell for each pixel of the target image `(height, width)` whether the source image has a pixel for it."""
+def valid_mask(source: Camera, target: Camera) -> Bool[np.ndarray, "height width"]:
+    """Tell for each pixel of the target image whether the source image has a pixel for it."""
     return source.contains(source_pixels(source, target, _pixel_centers(target)))
 
 
-def valid_region(mask: Mask) -> tuple[int, int, int, int]:
+def valid_region(mask: Bool[np.ndarray, "height width"]) -> tuple[int, int, int, int]:
     """Return the bounding rectangle (x_min, y_min, x_max, y_max) of the true pixels of a mask, ends included.
 
     Raises:
@@ -156,16 +157,16 @@ class RemapGrid:
     enough.
 
     Attributes:
-        source_px: `(rows, columns, 2)` float32, NaN where the source has no pixel.
+        source_px: NaN where the source has no pixel.
         step_px: Distance of nodes in the rectified image.
-        origin_px: Rectified pixel `(2,)` of the first node.
-        intrinsics_px: fx, fy, cx, cy `(4,)` of the rectified camera.
+        origin_px: Rectified pixel of the first node.
+        intrinsics_px: fx, fy, cx, cy of the rectified camera.
     """
 
-    source_px: npt.NDArray[np.float32]
+    source_px: Float32[np.ndarray, "row column 2"]
     step_px: float
-    origin_px: Floats
-    intrinsics_px: Floats
+    origin_px: Float64[np.ndarray, "2"]
+    intrinsics_px: Float64[np.ndarray, "4"]
 
     @staticmethod
     def build(
@@ -198,8 +199,8 @@ class RemapGrid:
         relevant = error[source.contains(exact)]
         return float(np.max(relevant, initial=0.0)) if np.isfinite(relevant).all() else float("inf")
 
-    def window(self, crop: Camera) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
-        """Return the maps (map_x, map_y), each `(height, width)`, that cut a crop out of the raw source image.
+    def window(self, crop: Camera) -> tuple[Float32[np.ndarray, "height width"], Float32[np.ndarray, "height width"]]:
+        """Return the maps (map_x, map_y) that cut a crop out of the raw source image.
 
         Args:
             crop: From `crop_camera` of the rectified camera, or the rectified camera itself.
@@ -231,8 +232,10 @@ class RemapGrid:
         nodes = np.frombuffer(data[9 * 8 :], dtype="<f4").reshape(rows, columns, 2)
         return RemapGrid(nodes.astype(np.float32), float(header[2]), header[3:5].copy(), header[5:].copy())
 
-    def _interpolate(self, x: Floats, y: Floats) -> npt.NDArray[np.float32]:
-        """Evaluate both maps `(2, H, W)` at ascending x `(W,)` and y `(H,)`: bilinear is separable on such a grid."""
+    def _interpolate(
+        self, x: Float64[np.ndarray, " width"], y: Float64[np.ndarray, " height"]
+    ) -> Float32[np.ndarray, "2 height width"]:
+        """Evaluate both maps at ascending x and y: bilinear is separable on such a grid."""
         columns, x_weight = self._cells(x, axis=1)
         rows, y_weight = self._cells(y, axis=0)
         first_row, first_column = rows[0], columns[0]
@@ -244,7 +247,9 @@ class RemapGrid:
         maps += (lines.take(rows - first_row + 1, axis=1) - maps) * y_weight[:, None]
         return np.asarray(maps)
 
-    def _cells(self, positions: Floats, axis: int) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float32]]:
+    def _cells(
+        self, positions: Float64[np.ndarray, " position"], axis: int
+    ) -> tuple[Int[np.ndarray, " position"], Float32[np.ndarray, " position"]]:
         """Return the cell of each position and the place in it, NaN off the grid."""
         cell = (positions - self.origin_px[1 - axis]) / self.step_px
         last = self.source_px.shape[axis] - 1
@@ -253,8 +258,12 @@ class RemapGrid:
         return index, weight.astype(np.float32)
 
 
-def remap(image: npt.NDArray[Any], map_x: npt.NDArray[np.float32], map_y: npt.NDArray[np.float32]) -> npt.NDArray[Any]:
-    """Resample an image `(H, W)` or `(H, W, C)` bilinearly by maps; black where there is no source pixel."""
+def remap(
+    image: Shaped[np.ndarray, "source_height source_width *channel"],
+    map_x: Float32[np.ndarray, "height width"],
+    map_y: Float32[np.ndarray, "height width"],
+) -> Shaped[np.ndarray, "height width *channel"]:
+    """Resample an image bilinearly by maps; black where there is no source pixel."""
     return np.asarray(cv2.remap(image, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=0))
 
 
@@ -267,6 +276,6 @@ def _sample_grid(source: Camera, target: Camera, step_px: float) -> RemapGrid:
     return RemapGrid(nodes.astype(np.float32), step_px, np.array([-margin_px, -margin_px]), intrinsics)
 
 
-def _pixel_centers(camera: Camera) -> Floats:
+def _pixel_centers(camera: Camera) -> Float64[np.ndarray, "height width 2"]:
     x, y = np.meshgrid(np.arange(camera.width_px, dtype=float), np.arange(camera.height_px, dtype=float))
     return np.stack((x, y), axis=-1)

@@ -3,16 +3,14 @@
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
+from jaxtyping import Float64
 
 from assemblyhands_core.geometry.cameras import Camera
 from assemblyhands_core.geometry.distortion import OVFishEye62
 from assemblyhands_core.geometry.sightlines import Sightlines, tangents
 
-Doubles = npt.NDArray[np.float64]
 
-
-def linear_points(lines: Sightlines, cameras: Sequence[Camera], weighted: bool) -> Doubles:
+def linear_points(lines: Sightlines, cameras: Sequence[Camera], weighted: bool) -> Float64[np.ndarray, "point 3"]:
     """Solve the homogeneous system of all usable views, one singular value decomposition per point.
 
     The minimiser depends on the units of the world, so they are left at mm as in the programs we compare with; the
@@ -20,13 +18,13 @@ def linear_points(lines: Sightlines, cameras: Sequence[Camera], weighted: bool) 
     squares, keeps all digits.
 
     Args:
-        lines: Observations of P points by V views.
-        cameras: The V cameras.
+        lines: Observations of the points.
+        cameras: One for each view.
         weighted: Weigh rows by focal length and confidence, that is in pixels; otherwise all views alike in
             normalised units.
 
     Returns:
-        Points `(P, 3)` in mm; NaN for a point at infinity.
+        Points in mm; NaN for a point at infinity.
     """
     rows = [
         np.where(lines.usable[:, view, None, None], _rows(lines, camera, view), 0.0)
@@ -42,8 +40,8 @@ def linear_points(lines: Sightlines, cameras: Sequence[Camera], weighted: bool) 
     return np.asarray(homogeneous[:, :3] / np.where(scale != 0, scale, np.nan))
 
 
-def _rows(lines: Sightlines, camera: Camera, view: int) -> Doubles:
-    """Return two equations `(P, 2, 4)` on the homogeneous world point.
+def _rows(lines: Sightlines, camera: Camera, view: int) -> Float64[np.ndarray, "point 2 4"]:
+    """Return two equations on the homogeneous world point.
 
     A perspective view gives r1 - x r3 and r2 - y r3 of [R | t] with normalised x, y; the rays of a fisheye need no
     positive z, so it gives two unit vectors normal to the ray.
@@ -51,8 +49,8 @@ def _rows(lines: Sightlines, camera: Camera, view: int) -> Doubles:
     pose = camera.T_camera_from_world[:3]
     ray = lines.rays[:, view] @ pose[:, :3].T
     if isinstance(camera.lens, OVFishEye62):
-        return np.stack(tangents(ray), axis=1) @ pose
+        return np.asarray(np.stack(tangents(ray), axis=1) @ pose)
     normals = np.zeros((len(ray), 2, 3))
     normals[:, 0, 0] = normals[:, 1, 1] = 1.0
     normals[:, :, 2] = -ray[:, :2] / np.where(ray[:, 2:] > 0, ray[:, 2:], np.nan)
-    return normals @ pose
+    return np.asarray(normals @ pose)

@@ -9,30 +9,28 @@ from functools import cache
 from itertools import combinations
 
 import numpy as np
-import numpy.typing as npt
+from jaxtyping import Bool, Float64, Int
 
 from assemblyhands_core.geometry.sightlines import Sightlines
-
-Doubles = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.intp]
-Mask = npt.NDArray[np.bool_]
 
 NUM_PAIRS = 28
 _MAX_SCORES = 1 << 20  # scores held in memory at once
 _HARD = 0.5  # share of unexplained confidence above which a point is tried with all pairs
 
 
-def best_hypotheses(lines: Sightlines, max_reprojection_px: float, min_parallax_rad: float) -> tuple[Doubles, Mask]:
+def best_hypotheses(
+    lines: Sightlines, max_reprojection_px: float, min_parallax_rad: float
+) -> tuple[Float64[np.ndarray, "point 3"], Bool[np.ndarray, " point"]]:
     """Return for each point the two-view intersection that most views agree with.
 
     Args:
-        lines: Observations of P points by V views.
+        lines: Observations of the points.
         max_reprojection_px: Pixel error beyond which a view counts as not explained.
         min_parallax_rad: Smallest angle between two rays that may found a hypothesis.
 
     Returns:
-        Points `(P, 3)` in mm, NaN where no two rays meet in front of their cameras, and whether `(P,)` any two rays
-        were far enough from parallel.
+        Points in mm, NaN where no two rays meet in front of their cameras, and whether any two rays were far enough
+        from parallel.
     """
     quality = _pair_quality(lines, min_parallax_rad)
     groups = _pair_groups(lines.rays.shape[1], NUM_PAIRS)
@@ -45,22 +43,22 @@ def best_hypotheses(lines: Sightlines, max_reprojection_px: float, min_parallax_
 
 
 @cache
-def _pairs(num_views: int) -> Indices:
-    """Return all pairs `(N, 2)`, by distance of their numbers so that neighbours in the list differ in their views."""
+def _pairs(num_views: int) -> Int[np.ndarray, "pair 2"]:
+    """Return all pairs, by distance of their numbers so that neighbours in the list differ in their views."""
     pairs = sorted(combinations(range(num_views), 2), key=lambda pair: (pair[1] - pair[0], pair[0]))
     return np.array(pairs, dtype=np.intp).reshape(-1, 2)
 
 
 @cache
-def _pair_groups(num_views: int, num_groups: int) -> Indices:
-    """Deal the indices of all pairs into groups `(num_groups, size)`; short groups repeat their last pair."""
+def _pair_groups(num_views: int, num_groups: int) -> Int[np.ndarray, "group member"]:
+    """Deal the indices of all pairs into groups; short groups repeat their last pair."""
     parts = np.array_split(np.arange(len(_pairs(num_views))), min(num_groups, len(_pairs(num_views))))
     size = max(len(part) for part in parts)
     return np.array([np.pad(part, (0, size - len(part)), mode="edge") for part in parts])
 
 
-def _pair_quality(lines: Sightlines, min_parallax_rad: float) -> Doubles:
-    """Return sin² of the angle times both confidences `(P, N)`, 0 where a pair can found no hypothesis."""
+def _pair_quality(lines: Sightlines, min_parallax_rad: float) -> Float64[np.ndarray, "point pair"]:
+    """Return sin² of the angle times both confidences, 0 where a pair can found no hypothesis."""
     first, second = _pairs(lines.rays.shape[1]).T
     cosine = (lines.rays @ lines.rays.swapaxes(1, 2))[:, first, second]
     squared_sine = 1 - cosine * cosine
@@ -71,9 +69,12 @@ def _pair_quality(lines: Sightlines, min_parallax_rad: float) -> Doubles:
 
 
 def _best_of_groups(
-    lines: Sightlines, quality: Doubles, groups: Indices, max_reprojection_px: float
-) -> tuple[Doubles, Doubles]:
-    """Return the best points `(P, 3)` and their costs `(P,)`, in pieces of bounded memory."""
+    lines: Sightlines,
+    quality: Float64[np.ndarray, "point pair"],
+    groups: Int[np.ndarray, "group member"],
+    max_reprojection_px: float,
+) -> tuple[Float64[np.ndarray, "point 3"], Float64[np.ndarray, " point"]]:
+    """Return the best points and their costs, in pieces of bounded memory."""
     points, cost = np.full((len(quality), 3), np.nan), np.full(len(quality), np.inf)
     piece = max(1, _MAX_SCORES // (len(groups) * lines.rays.shape[1]))
     for begin in range(0, len(quality), piece):
@@ -87,16 +88,20 @@ def _best_of_groups(
     return points, cost
 
 
-def _choose(quality: Doubles, groups: Indices) -> Indices:
-    """Return the index `(P, groups)` of the best pair of each group."""
+def _choose(
+    quality: Float64[np.ndarray, "point pair"], groups: Int[np.ndarray, "group member"]
+) -> Int[np.ndarray, "point group"]:
+    """Return the index of the best pair of each group."""
     if groups.shape[1] == 1:
         return np.broadcast_to(groups[:, 0], (len(quality), len(groups)))
     best = np.argmax(quality[:, groups], axis=2)
     return np.asarray(groups[np.arange(len(groups)), best])
 
 
-def _intersect(lines: Sightlines, chosen: Indices, allowed: Mask) -> Doubles:
-    """Return the points `(P, K, 3)` nearest to both rays of each chosen pair; NaN unless in front of both cameras.
+def _intersect(
+    lines: Sightlines, chosen: Int[np.ndarray, "point group"], allowed: Bool[np.ndarray, "point group"]
+) -> Float64[np.ndarray, "point group 3"]:
+    """Return the points nearest to both rays of each chosen pair; NaN unless in front of both cameras.
 
     Each ray's nearest point is weighted by 1/depth², which makes the compromise one of angles instead of millimetres.
     """
@@ -115,8 +120,10 @@ def _intersect(lines: Sightlines, chosen: Indices, allowed: Mask) -> Doubles:
     return np.asarray(share * near_1 + (1 - share) * near_2)
 
 
-def _truncated_cost(lines: Sightlines, candidates: Doubles, max_reprojection_px: float) -> Doubles:
-    """Return Σ over views of confidence · min(error²/threshold², 1), `(P, K)`; infinite for NaN candidates.
+def _truncated_cost(
+    lines: Sightlines, candidates: Float64[np.ndarray, "point group 3"], max_reprojection_px: float
+) -> Float64[np.ndarray, "point group"]:
+    """Return Σ over views of confidence · min(error²/threshold², 1); infinite for NaN candidates.
 
     Single precision is plenty for choosing, and coordinates are taken from the middle of the cameras to keep it so.
     """

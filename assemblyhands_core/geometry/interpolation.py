@@ -1,23 +1,20 @@
 """Fill short gaps in trajectories."""
 
-from typing import Any
-
 import numpy as np
-import numpy.typing as npt
-
-Floats = npt.NDArray[np.floating[Any]]
-Flags = npt.NDArray[np.bool_]
+from jaxtyping import Bool, Float
 
 
-def fill_gaps(points: Floats, max_gap: int) -> tuple[Floats, Flags]:
+def fill_gaps(
+    points: Float[np.ndarray, "frame track axis"], max_gap: int
+) -> tuple[Float[np.ndarray, "frame track axis"], Bool[np.ndarray, "frame track"]]:
     """Fill gaps of at most ``max_gap`` frames linearly between the points on both sides.
 
     Args:
-        points: (F, K, D) K trajectories over F consecutive frames; NaN = missing. Ends are never extrapolated.
+        points: trajectories over consecutive frames; NaN = missing. Ends are never extrapolated.
         max_gap: longest run of missing frames that is filled; longer ones stay wholly missing.
 
     Returns:
-        (F, K, D) with gaps filled, and (F, K) which points were filled.
+        The trajectories with gaps filled, and which points were filled.
     """
     is_known = np.isfinite(points).all(axis=-1)
     frame = np.arange(len(points))[:, None]

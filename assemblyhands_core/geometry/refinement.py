@@ -1,12 +1,12 @@
 """Robust refinement of points by iteratively reweighted Gauss-Newton on their pixel errors."""
 
 import numpy as np
-import numpy.typing as npt
+from jaxtyping import Bool, Float64
 
 from assemblyhands_core.geometry.sightlines import Sightlines
 
-Doubles = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
+Points = Float64[np.ndarray, "point 3"]
+PerView = Float64[np.ndarray, "point view"]
 
 _REACH = 2.0  # in units of the threshold: views farther off have no weight
 _DAMPING = 1e-12
@@ -14,16 +14,16 @@ _MAX_STEPS = 50
 _CONVERGED_MM = 1e-7
 
 
-def refine(lines: Sightlines, points: Doubles, max_reprojection_px: float) -> Doubles:
+def refine(lines: Sightlines, points: Points, max_reprojection_px: float) -> Points:
     """Take Gauss-Newton steps until they are shorter than 1e-7 mm; only points that still move take more.
 
     Args:
-        lines: Observations of P points by V views.
-        points: `(P, 3)` in mm to start from; NaN stays NaN.
+        lines: Observations of the points.
+        points: In mm, to start from; NaN stays NaN.
         max_reprojection_px: Pixel error at which a view has a quarter of its weight.
 
     Returns:
-        Points `(P, 3)`.
+        Points in mm.
     """
     refined = points.copy()
     active = np.flatnonzero(np.isfinite(points).all(axis=1))
@@ -38,7 +38,7 @@ def refine(lines: Sightlines, points: Doubles, max_reprojection_px: float) -> Do
     return refined
 
 
-def gauss_newton_step(lines: Sightlines, points: Doubles, max_reprojection_px: float) -> Doubles:
+def gauss_newton_step(lines: Sightlines, points: Points, max_reprojection_px: float) -> Points:
     """Move all points one step towards the least weighted sum of squared pixel errors.
 
     With y = X - c, depth λ = ray · y and error r = rows y / λ, the derivative of r is (rows - r rayᵀ) / λ. Weights are
@@ -46,12 +46,12 @@ def gauss_newton_step(lines: Sightlines, points: Doubles, max_reprojection_px: f
     at the threshold would cost another 10 % of accuracy where the noise is half as large as the threshold.
 
     Args:
-        lines: Observations of P points by V views.
-        points: `(P, 3)` in mm.
+        lines: Observations of the points.
+        points: In mm.
         max_reprojection_px: The threshold, at which a view has a quarter of its weight.
 
     Returns:
-        Points `(P, 3)`; unchanged where fewer than two views take part.
+        Points in mm; unchanged where fewer than two views take part.
     """
     offset = points[:, None] - lines.centers_mm
     depth = depth_along_rays_mm(lines, points)
@@ -67,17 +67,26 @@ def gauss_newton_step(lines: Sightlines, points: Doubles, max_reprojection_px: f
     return points - np.where(solvable[:, None], _solve(normal, gradient, solvable), 0.0)
 
 
-def depth_along_rays_mm(lines: Sightlines, points: Doubles) -> Doubles:
-    """Return how far `(P, V)` points lie from the cameras along the observed rays; negative behind them."""
+def depth_along_rays_mm(lines: Sightlines, points: Points) -> PerView:
+    """Return how far points in mm lie from the cameras along the observed rays; negative behind them."""
     return np.asarray((lines.rays * (points[:, None] - lines.centers_mm)).sum(axis=-1))
 
 
-def _weights(lines: Sightlines, error: Doubles, in_front: Mask, max_reprojection_px: float) -> Doubles:
+def _weights(
+    lines: Sightlines,
+    error: Float64[np.ndarray, "point view 2"],
+    in_front: Bool[np.ndarray, "point view"],
+    max_reprojection_px: float,
+) -> PerView:
     squared = (error**2).sum(axis=-1) / max_reprojection_px**2
     return np.where(in_front & (squared <= _REACH**2), (lines.confidence / (1 + squared)) ** 2, 0.0)
 
 
-def _solve(normal: Doubles, gradient: Doubles, solvable: Mask) -> Doubles:
+def _solve(
+    normal: Float64[np.ndarray, "point 3 3"],
+    gradient: Float64[np.ndarray, "point 3 1"],
+    solvable: Bool[np.ndarray, " point"],
+) -> Points:
     """Solve the 3x3 systems, each with a trace of damping so that parallel rays give a number, not an exception."""
     size = np.trace(normal, axis1=1, axis2=2)[:, None, None]
     safe = np.where(solvable[:, None, None] & (size > 0), normal + _DAMPING * size * np.eye(3), np.eye(3))

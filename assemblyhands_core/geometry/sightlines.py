@@ -4,47 +4,48 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
+from jaxtyping import Bool, Float64, Int
 
 from assemblyhands_core.geometry.cameras import Camera
-
-Doubles = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
 
 _DIFFERENCE_RAD = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
 class Sightlines:
-    """Observations of P points by V views, linearised once at the observed pixel for any kind of lens.
+    """Observations of points by views, linearised once at the observed pixel for any kind of lens.
 
     For a point X near the ray, with y = X - centre, the reprojection error in raw pixels is `rows @ y / (ray · y)` up
     to second order; the denominator is the distance along the ray and has to be positive.
 
     Attributes:
-        rays: `(P, V, 3)` unit rays in the world, 0 where the view is not usable.
-        rows: `(P, V, 2, 3)` derivative of the pixel by the direction, in px, 0 where not usable.
-        centers_mm: `(V, 3)` camera centres in the world.
-        confidence: `(P, V)` weight of the pixel error, 0 where the view is not usable.
+        rays: Unit rays in the world, 0 where the view is not usable.
+        rows: Derivative of the pixel by the direction, in px, 0 where not usable.
+        centers_mm: Camera centres in the world.
+        confidence: Weight of the pixel error, 0 where the view is not usable.
     """
 
-    rays: Doubles
-    rows: Doubles
-    centers_mm: Doubles
-    confidence: Doubles
+    rays: Float64[np.ndarray, "point view 3"]
+    rows: Float64[np.ndarray, "point view 2 3"]
+    centers_mm: Float64[np.ndarray, "view 3"]
+    confidence: Float64[np.ndarray, "point view"]
 
     @property
-    def usable(self) -> Mask:
-        """Tell which views `(P, V)` have a pixel with a ray and a positive confidence."""
+    def usable(self) -> Bool[np.ndarray, "point view"]:
+        """Tell which views have a pixel with a ray and a positive confidence."""
         return self.confidence > 0
 
-    def select(self, points: npt.NDArray[np.intp] | Mask) -> "Sightlines":
+    def select(self, points: Int[np.ndarray, " selected"]) -> "Sightlines":
         """Return the sight lines of some of the points."""
         return Sightlines(self.rays[points], self.rows[points], self.centers_mm, self.confidence[points])
 
 
-def sightlines(pixels: Doubles, cameras: Sequence[Camera], confidence: Doubles) -> Sightlines:
-    """Unproject pixels `(P, V, 2)` with `confidence` `(P, V)` through the cameras of their views."""
+def sightlines(
+    pixels: Float64[np.ndarray, "point view 2"],
+    cameras: Sequence[Camera],
+    confidence: Float64[np.ndarray, "point view"],
+) -> Sightlines:
+    """Unproject raw pixels, each with its confidence, through the cameras of their views."""
     rays = np.empty((*pixels.shape[:2], 3))
     rows = np.empty((*pixels.shape[:2], 2, 3))
     for view, camera in enumerate(cameras):
@@ -55,8 +56,10 @@ def sightlines(pixels: Doubles, cameras: Sequence[Camera], confidence: Doubles) 
     return Sightlines(rays, rows, centers_mm, np.where(usable, confidence, 0.0))
 
 
-def _rays_and_rows(camera: Camera, pixels: Doubles) -> tuple[Doubles, Doubles]:
-    """Return world rays `(P, 3)` and the change of the pixel `(P, 2, 3)` when the ray turns."""
+def _rays_and_rows(
+    camera: Camera, pixels: Float64[np.ndarray, "point 2"]
+) -> tuple[Float64[np.ndarray, "point 3"], Float64[np.ndarray, "point 2 3"]]:
+    """Return world rays and the change of the pixel when the ray turns."""
     rays = camera.unproject_camera(pixels)
     right, down = tangents(rays)
     change = [
@@ -68,8 +71,10 @@ def _rays_and_rows(camera: Camera, pixels: Doubles) -> tuple[Doubles, Doubles]:
     return rays @ rotation, np.stack(change, axis=-1) @ tangents_world
 
 
-def tangents(rays: npt.NDArray[np.floating]) -> tuple[Doubles, Doubles]:
-    """Return two unit vectors `(P, 3)` that complete each ray to an orthonormal frame, without any branch cut in front.
+def tangents(
+    rays: Float64[np.ndarray, "point 3"],
+) -> tuple[Float64[np.ndarray, "point 3"], Float64[np.ndarray, "point 3"]]:
+    """Return two unit vectors that complete each ray to an orthonormal frame, without any branch cut in front.
 
     They turn the axes x and y by the rotation that takes z to the ray, which is singular only straight behind.
     """

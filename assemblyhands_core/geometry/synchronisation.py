@@ -6,15 +6,13 @@ constant part is taken away: a calibration error is the same in all frames, a ti
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
+from jaxtyping import Bool, Float, Int
 
 from assemblyhands_core.geometry.cameras import Camera
 from assemblyhands_core.geometry.triangulation import triangulate
 
-Floats = npt.NDArray[np.floating[Any]]
 _MIN_POINTS = 30
 _MIN_VIEWS = 3
 _CLEAR_GAIN = 0.9
@@ -25,36 +23,36 @@ class Synchronisation:
     """How well each view fits the others when it is shifted in time.
 
     Attributes:
-        shift: (S,) tried shifts in frames; with shift s the view shows at frame t what the others show at t - s.
-        error_px: (V, S) median reprojection error of the other views' 3D points, less its constant part; NaN where too
-            little is seen.
-        offset_px: (V, 2) the constant part at the best shift: how far right and down of where the others' points
-            should be this view sees them. Large against the error: the view's calibration is off.
+        shift: tried shifts in frames; with shift s the view shows at frame t what the others show at t - s.
+        error_px: median reprojection error of the other views' 3D points, less its constant part; NaN where too little
+            is seen.
+        offset_px: the constant part at the best shift: how far right and down of where the others' points should be
+            this view sees them. Large against the error: the view's calibration is off.
     """
 
-    shift: npt.NDArray[np.int64]
-    error_px: Floats
-    offset_px: Floats
+    shift: Int[np.ndarray, " shift"]
+    error_px: Float[np.ndarray, "view shift"]
+    offset_px: Float[np.ndarray, "view 2"]
 
     @property
-    def best_shift(self) -> npt.NDArray[np.int64]:
-        """Return (V,) the shift of least error; 0 where nothing can be said."""
+    def best_shift(self) -> Int[np.ndarray, " view"]:
+        """Return the shift of least error; 0 where nothing can be said."""
         return np.where(np.isfinite(self.error_px).any(axis=1), self.shift[_argmin(self.error_px)], 0)
 
     @property
-    def error_now_px(self) -> Floats:
-        """Return (V,) the error as recorded, unshifted."""
+    def error_now_px(self) -> Float[np.ndarray, " view"]:
+        """Return the error as recorded, unshifted."""
         return np.asarray(self.error_px[:, self.shift == 0][:, 0])
 
     @property
-    def error_best_px(self) -> Floats:
-        """Return (V,) the error at the best shift."""
+    def error_best_px(self) -> Float[np.ndarray, " view"]:
+        """Return the error at the best shift."""
         return np.asarray(np.fmin.reduce(self.error_px, axis=1))
 
 
 def estimate_synchronisation(
-    keypoints_px: Floats,
-    confidence: Floats,
+    keypoints_px: Float[np.ndarray, "frame view keypoint 2"],
+    confidence: Float[np.ndarray, "frame view keypoint"],
     cameras: Sequence[Camera],
     *,
     max_shift: int,
@@ -66,9 +64,9 @@ def estimate_synchronisation(
     is off most is settled first, and the others are measured again with its delay and its offset taken out.
 
     Args:
-        keypoints_px: (F, V, K, 2) one person's keypoints in raw pixels over F consecutive frames; NaN = missing.
-        confidence: (F, V, K); 0 = missing.
-        cameras: V cameras.
+        keypoints_px: one person's keypoints in raw pixels over consecutive frames; NaN = missing.
+        confidence: 0 = missing.
+        cameras: one for each view.
         max_shift: shifts from -max_shift to max_shift frames are tried.
         max_reprojection_px: inlier threshold of the triangulation.
 
@@ -97,18 +95,20 @@ def estimate_synchronisation(
     return Synchronisation(shift, error, offset[np.arange(len(cameras)), _argmin(error)])
 
 
-def _is_late(error_px: Floats, unshifted: int) -> npt.NDArray[np.bool_]:
-    """Return (V,) whether a shift clearly lowers a view's error (V, S)."""
+def _is_late(error_px: Float[np.ndarray, "view shift"], unshifted: int) -> Bool[np.ndarray, " view"]:
+    """Return whether a shift clearly lowers a view's error."""
     return np.asarray(np.fmin.reduce(error_px, axis=1) < _CLEAR_GAIN * error_px[:, unshifted])
 
 
-def _argmin(error_px: Floats) -> npt.NDArray[np.intp]:
-    """Return (V,) the shift of least error (V, S), the first where nothing is known."""
+def _argmin(error_px: Float[np.ndarray, "view shift"]) -> Int[np.ndarray, " view"]:
+    """Return the shift of least error, the first where nothing is known."""
     return np.asarray(np.argmin(np.where(np.isnan(error_px), np.inf, error_px), axis=1))
 
 
-def _offset_and_spread(difference_px: Floats) -> tuple[Floats, float]:
-    """Return the median of differences (F, K, 2), and the median distance from it."""
+def _offset_and_spread(
+    difference_px: Float[np.ndarray, "frame keypoint 2"],
+) -> tuple[Float[np.ndarray, "2"], float]:
+    """Return the median of differences, and the median distance from it."""
     known = difference_px[np.isfinite(difference_px).all(axis=-1)]
     if len(known) < _MIN_POINTS:
         return np.full(2, np.nan), float("nan")
@@ -116,16 +116,20 @@ def _offset_and_spread(difference_px: Floats) -> tuple[Floats, float]:
     return offset, _median_length(difference_px - offset)
 
 
-def _median_length(difference_px: Floats) -> float:
+def _median_length(difference_px: Float[np.ndarray, "frame keypoint 2"]) -> float:
     length = np.linalg.norm(difference_px, axis=-1)
     known = length[np.isfinite(length)]
     return float(np.median(known)) if len(known) >= _MIN_POINTS else float("nan")
 
 
 def _seen_by_others(
-    keypoints_px: Floats, confidence: Floats, cameras: Sequence[Camera], view: int, max_reprojection_px: float
-) -> Floats:
-    """Return (F, K, 2) where the other views' 3D points fall in this view."""
+    keypoints_px: Float[np.ndarray, "frame view keypoint 2"],
+    confidence: Float[np.ndarray, "frame view keypoint"],
+    cameras: Sequence[Camera],
+    view: int,
+    max_reprojection_px: float,
+) -> Float[np.ndarray, "frame keypoint 2"]:
+    """Return where the other views' 3D points fall in this view."""
     others = [v for v in range(len(cameras)) if v != view]
     pixels = keypoints_px[:, others].swapaxes(1, 2).reshape(-1, len(others), 2)
     weights = confidence[:, others].swapaxes(1, 2).reshape(-1, len(others))
@@ -134,8 +138,8 @@ def _seen_by_others(
     return np.asarray(cameras[view].project(found.points_world_mm)).reshape(num_frames, num_keypoints, 2)
 
 
-def _shifted(values: Floats, by: int) -> Floats:
-    """Return (F, ...) values with frame t holding what was at t - by; NaN where there was nothing."""
+def _shifted(values: Float[np.ndarray, " frame *rest"], by: int) -> Float[np.ndarray, " frame *rest"]:
+    """Return values with frame t holding what was at t - by; NaN where there was nothing."""
     result = np.full_like(values, np.nan)
     length = len(values) - abs(by)
     if length > 0:

@@ -1,43 +1,32 @@
 """Rigid transforms as 4×4 matrices, named `T_target_from_source`."""
 
 import numpy as np
-import numpy.typing as npt
-
-Floats = npt.NDArray[np.floating]
+from jaxtyping import Float, Float64
 
 MAX_ORTHONORMALITY_ERROR = 1e-5
 """Largest entry of |R Rᵀ - I| that still passes as a rotation (formats: the reference loader rejects worse)."""
 
 
-def rigid(rotation: Floats, translation: Floats) -> Floats:
-    """Build `T` with `T @ [x, 1] = [rotation @ x + translation, 1]`.
-
-    Args:
-        rotation: `(3, 3)`.
-        translation: `(3,)`, in the unit of the points.
-
-    Returns:
-        `(4, 4)` float64.
-    """
+def rigid(rotation: Float[np.ndarray, "3 3"], translation: Float[np.ndarray, "3"]) -> Float64[np.ndarray, "4 4"]:
+    """Build `T` with `T @ [x, 1] = [rotation @ x + translation, 1]`; the translation is in the unit of the points."""
     transform = np.eye(4)
     transform[:3, :3] = rotation
     transform[:3, 3] = translation
     return transform
 
 
-def inverse(transform: Floats) -> Floats:
-    """Invert a rigid transform `(4, 4)` by transposing its rotation."""
+def inverse(transform: Float[np.ndarray, "4 4"]) -> Float64[np.ndarray, "4 4"]:
+    """Invert a rigid transform by transposing its rotation."""
     rotation = transform[:3, :3]
     return rigid(rotation.T, -rotation.T @ transform[:3, 3])
 
 
-def apply(transform: Floats, points: Floats) -> Floats:
-    """Map points `(..., 3)` by a rigid transform `(4, 4)`; the type of the points is kept."""
-    mapped: Floats = points @ transform[:3, :3].T.astype(points.dtype) + transform[:3, 3].astype(points.dtype)
-    return mapped
+def apply(transform: Float[np.ndarray, "4 4"], points: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3"]:
+    """Map points by a rigid transform; the type of the points is kept."""
+    return np.asarray(points @ transform[:3, :3].T.astype(points.dtype) + transform[:3, 3].astype(points.dtype))
 
 
-def reason_not_rigid(transform: Floats) -> str | None:
+def reason_not_rigid(transform: Float[np.ndarray, "..."]) -> str | None:
     """Say why a matrix is no rigid transform, or None when it is one.
 
     Args:

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
+from jaxtyping import Bool, Float, Float64, Int, Shaped
 
 from assemblyhands_core.geometry.cameras import Camera
 from assemblyhands_core.geometry.dlt import linear_points
@@ -18,8 +18,11 @@ from assemblyhands_core.geometry.reasons import Reason
 from assemblyhands_core.geometry.refinement import depth_along_rays_mm, refine
 from assemblyhands_core.geometry.sightlines import Sightlines, sightlines
 
-Doubles = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
+Points = Float64[np.ndarray, "point 3"]
+Pixels = Float64[np.ndarray, "point view 2"]
+PerView = Float64[np.ndarray, "point view"]
+Views = Bool[np.ndarray, "point view"]
+Status = Shaped[np.ndarray, " point"]  # strings
 
 _BLOCK_PIXELS = 1 << 16  # observations held in memory at once
 
@@ -29,33 +32,33 @@ class Triangulation:
     """Points with the evidence for each.
 
     Attributes:
-        points_world_mm: `(P, 3)`. Robust: NaN unless the status is `ok`. Plain: NaN only with too few views.
-        is_inlier: `(P, V)` views that agree with the point within the allowed distance.
-        reprojection_px: `(P, V)` distance in raw pixels for every observed view, outliers too; NaN where there is no
-            pixel, no point, or the point lies behind the camera or outside its field.
-        status: `(P,)` strings of `Reason`.
+        points_world_mm: Robust: NaN unless the status is `ok`. Plain: NaN only with too few views.
+        is_inlier: Views that agree with the point within the allowed distance.
+        reprojection_px: Distance in raw pixels for every observed view, outliers too; NaN where there is no pixel, no
+            point, or the point lies behind the camera or outside its field.
+        status: Strings of `Reason`.
     """
 
-    points_world_mm: Doubles
-    is_inlier: Mask
-    reprojection_px: Doubles
-    status: npt.NDArray[np.str_]
+    points_world_mm: Points
+    is_inlier: Views
+    reprojection_px: PerView
+    status: Status
 
     @property
-    def valid(self) -> Mask:
-        """Tell which points `(P,)` have status `ok`."""
+    def valid(self) -> Bool[np.ndarray, " point"]:
+        """Tell which points have status `ok`."""
         return np.asarray(self.status == Reason.OK)
 
     @property
-    def num_views(self) -> npt.NDArray[np.int64]:
-        """Count the inlier views `(P,)`."""
+    def num_views(self) -> Int[np.ndarray, " point"]:
+        """Count the inlier views."""
         return np.asarray(self.is_inlier.sum(axis=1))
 
 
 def triangulate(
-    pixels: npt.NDArray[np.floating],
+    pixels: Float[np.ndarray, "point view 2"],
     cameras: Sequence[Camera],
-    confidence: npt.NDArray[np.floating] | None = None,
+    confidence: Float[np.ndarray, "point view"] | None = None,
     robust: bool = True,
     *,
     max_reprojection_px: float = 10.0,
@@ -65,9 +68,9 @@ def triangulate(
     """Find points from their pixels in several views.
 
     Args:
-        pixels: `(P, V, 2)` raw (distorted) pixels, NaN = missing.
-        cameras: V cameras, any mix of lenses.
-        confidence: `(P, V)` factors on the pixel errors, 0 = do not use; by default 1. Not read without a pixel.
+        pixels: Raw (distorted) pixels, NaN = missing.
+        cameras: One for each view, any mix of lenses.
+        confidence: Factors on the pixel errors, 0 = do not use; by default 1. Not read without a pixel.
         robust: Reject outlying views. Otherwise the linear DLT over all usable views: each in normalised units without
             `confidence`, in pixel units (focal length times confidence) with it.
         max_reprojection_px: Largest distance of an inlier in raw pixels.
@@ -108,13 +111,15 @@ class _Settings:
     weighted: bool
 
 
-def _checked_confidence(pixels: Doubles, num_cameras: int, confidence: npt.NDArray[np.floating] | None) -> Doubles:
+def _checked_confidence(
+    pixels: Pixels, num_cameras: int, confidence: Float[np.ndarray, "point view"] | None
+) -> PerView:
     if pixels.ndim != 3 or pixels.shape[1:] != (num_cameras, 2):
         raise ValueError(f"Pixels have shape {pixels.shape}: expected (points, {num_cameras} cameras, 2).")
-    observed: Mask = np.asarray(np.isfinite(pixels).all(axis=-1))
+    observed = np.asarray(np.isfinite(pixels).all(axis=-1))
     if confidence is None:
         return observed.astype(np.float64)
-    weights: Doubles = np.asarray(confidence, dtype=np.float64)
+    weights = np.asarray(confidence, dtype=np.float64)
     if weights.shape != observed.shape:
         raise ValueError(f"Confidence has shape {weights.shape} and pixels {pixels.shape}: give one value per pixel.")
     wrong = observed & ~(np.isfinite(weights) & (weights >= 0))
@@ -127,7 +132,7 @@ def _checked_confidence(pixels: Doubles, num_cameras: int, confidence: npt.NDArr
 
 
 def _triangulate_robustly(
-    pixels: Doubles, cameras: Sequence[Camera], confidence: Doubles, settings: _Settings
+    pixels: Pixels, cameras: Sequence[Camera], confidence: PerView, settings: _Settings
 ) -> Triangulation:
     threshold = settings.max_reprojection_px
     lines = sightlines(pixels, cameras, confidence)
@@ -150,7 +155,7 @@ def _triangulate_robustly(
 
 
 def _triangulate_linearly(
-    pixels: Doubles, cameras: Sequence[Camera], confidence: Doubles, settings: _Settings
+    pixels: Pixels, cameras: Sequence[Camera], confidence: PerView, settings: _Settings
 ) -> Triangulation:
     lines = sightlines(pixels, cameras, confidence)
     enough = lines.usable.sum(axis=1) >= settings.min_views
@@ -169,14 +174,14 @@ def _triangulate_linearly(
     return Triangulation(points, inlier, reprojection, status)
 
 
-def _reprojection_px(points: Doubles, pixels: Doubles, cameras: Sequence[Camera]) -> Doubles:
-    """Return the distance `(P, V)` between pixels and projected points, exactly; NaN where either is missing."""
+def _reprojection_px(points: Points, pixels: Pixels, cameras: Sequence[Camera]) -> PerView:
+    """Return the distance between pixels and projected points, exactly; NaN where either is missing."""
     projected = np.stack([camera.project(points) for camera in cameras], axis=1)
     return np.asarray(np.linalg.norm(projected - pixels, axis=-1))
 
 
-def _spread_rad(lines: Sightlines, views: Mask) -> Doubles:
-    """Return the angle `(P,)` that the rays of the given views span around their mean; exact for two rays."""
+def _spread_rad(lines: Sightlines, views: Views) -> Float64[np.ndarray, " point"]:
+    """Return the angle that the rays of the given views span around their mean; exact for two rays."""
     rays = lines.rays * views[..., None]
     mean = rays.sum(axis=1)
     length = np.linalg.norm(mean, axis=1, keepdims=True)
@@ -185,11 +190,11 @@ def _spread_rad(lines: Sightlines, views: Mask) -> Doubles:
     return np.asarray(4 * np.arcsin(np.minimum(chord.max(axis=1) / 2, 1.0)))
 
 
-def _any_view(views: Mask) -> Mask:
+def _any_view(views: Views) -> Bool[np.ndarray, " point"]:
     return np.asarray(views.any(axis=1))
 
 
-def _status(checks: list[tuple[Mask, Reason]]) -> npt.NDArray[np.str_]:
+def _status(checks: list[tuple[Bool[np.ndarray, " point"], Reason]]) -> Status:
     """Return for each point the reason of the first check that holds, else `ok`."""
     masks, reasons = zip(*checks, strict=True)
     return np.select(masks, [reason.value for reason in reasons], default=Reason.OK.value)

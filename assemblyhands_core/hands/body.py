@@ -3,14 +3,12 @@
 Source: MS COCO keypoint order; the virtual hand centre is in the paper's supplement, "Processing of exocentric images".
 """
 
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
+from jaxtyping import Float
 
 from assemblyhands_core.hands.joints import Hand
-
-Floats = npt.NDArray[np.floating[Any]]
 
 BODY_KEYPOINT_NAMES: Final = (
     "nose",
@@ -60,15 +58,13 @@ class Arm(NamedTuple):
 ARMS: Final[dict[Hand, Arm]] = {"right": Arm(6, 8, 10), "left": Arm(5, 7, 9)}
 
 
-def hand_center(elbow: Floats, wrist: Floats) -> Floats:
-    """Return the virtual hand centre, a third of the forearm beyond the wrist.
-
-    Args:
-        elbow: (..., 3) mm, any frame.
-        wrist: (..., 3) mm, the same frame.
+def hand_center(
+    elbow: Float[np.ndarray, "*batch 3"], wrist: Float[np.ndarray, "*batch 3"]
+) -> Float[np.ndarray, "*batch 3"]:
+    """Return the virtual hand centre, a third of the forearm beyond the wrist, all in mm and the same frame.
 
     Returns:
-        (..., 3) mm, the same frame: wrist + (wrist - elbow) / 3.
+        wrist + (wrist - elbow) / 3.
 
     Source: paper, supplement, "Processing of exocentric images".
     """

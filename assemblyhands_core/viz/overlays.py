@@ -9,14 +9,14 @@ from typing import Final
 
 import cv2
 import numpy as np
-import numpy.typing as npt
+from jaxtyping import Bool, Float, UInt8
 
 from assemblyhands_core.hands.body import BODY_BONES, BODY_KEYPOINT_NAMES
 from assemblyhands_core.hands.joints import BONES, HANDS, WRIST, Hand
 
-Image = npt.NDArray[np.uint8]
-Floats = npt.NDArray[np.floating]
-Flags = npt.NDArray[np.bool_]
+Image = UInt8[np.ndarray, "height width 3"]  # RGB
+Tile = UInt8[np.ndarray, "_height _width 3"]  # RGB, of any size
+Point = Float[np.ndarray, "2"]
 Color = tuple[int, int, int]
 
 # Thumb, index, middle, ring, pinky (RGB).
@@ -32,17 +32,19 @@ _CAPTION_SHARE: Final = 0.09
 _MIN_CAPTION_PX: Final = 16
 
 
-def draw_hand(image: Image, keypoints_px: Floats, valid: Flags, hand: Hand) -> Image:
+def draw_hand(
+    image: Image, keypoints_px: Float[np.ndarray, "joint=21 2"], valid: Bool[np.ndarray, "joint=21"], hand: Hand
+) -> Image:
     """Draw one hand's bones and joints.
 
     Args:
-        image: (H, W, 3) RGB, not changed.
-        keypoints_px: (21, 2) AssemblyHands order, pixels.
-        valid: (21,) which joints to draw; a bone needs both its ends.
+        image: not changed.
+        keypoints_px: AssemblyHands order, pixels.
+        valid: which joints to draw; a bone needs both its ends.
         hand: right is drawn solid, left dashed.
 
     Returns:
-        (H, W, 3) a new picture.
+        A new picture.
     """
     canvas = np.ascontiguousarray(image).copy()
     width = line_width_px(canvas)
@@ -56,16 +58,18 @@ def draw_hand(image: Image, keypoints_px: Floats, valid: Flags, hand: Hand) -> I
     return canvas
 
 
-def draw_body(image: Image, keypoints_px: Floats, valid: Flags) -> Image:
+def draw_body(
+    image: Image, keypoints_px: Float[np.ndarray, "keypoint=17 2"], valid: Bool[np.ndarray, "keypoint=17"]
+) -> Image:
     """Draw a body: right limbs solid, left limbs dashed.
 
     Args:
-        image: (H, W, 3) RGB, not changed.
-        keypoints_px: (17, 2) COCO-17 order, pixels.
-        valid: (17,) which keypoints to draw.
+        image: not changed.
+        keypoints_px: COCO-17 order, pixels.
+        valid: which keypoints to draw.
 
     Returns:
-        (H, W, 3) a new picture.
+        A new picture.
     """
     canvas = np.ascontiguousarray(image).copy()
     width = line_width_px(canvas)
@@ -81,16 +85,16 @@ def draw_body(image: Image, keypoints_px: Floats, valid: Flags) -> Image:
     return canvas
 
 
-def draw_box(image: Image, corners_px: Floats, hand: Hand | None = None) -> Image:
+def draw_box(image: Image, corners_px: Float[np.ndarray, "corner=4 2"], hand: Hand | None = None) -> Image:
     """Draw a closed outline, a hand's in its colour and form.
 
     Args:
-        image: (H, W, 3) RGB, not changed.
-        corners_px: (4, 2) in order around the box (a rectified square is no square in the raw picture).
+        image: not changed.
+        corners_px: in order around the box (a rectified square is no square in the raw picture).
         hand: whose box it is.
 
     Returns:
-        (H, W, 3) a new picture; unchanged where a corner is not finite.
+        A new picture; unchanged where a corner is not finite.
     """
     canvas = np.ascontiguousarray(image).copy()
     if np.isfinite(corners_px).all():
@@ -100,20 +104,20 @@ def draw_box(image: Image, corners_px: Floats, hand: Hand | None = None) -> Imag
 
 
 def line_width_px(image: Image) -> int:
-    """Return the width of lines for a picture (H, W, 3): 1 px per 250 px of its shorter side, at least 2."""
+    """Return the width of lines for a picture: 1 px per 250 px of its shorter side, at least 2."""
     return max(2, round(min(int(image.shape[0]), int(image.shape[1])) / 250))
 
 
-def contact_sheet(tiles: Sequence[Image], columns: int, captions: Sequence[str]) -> Image:
+def contact_sheet(tiles: Sequence[Tile], columns: int, captions: Sequence[str]) -> Image:
     """Put pictures side by side, each under its caption.
 
     Args:
-        tiles: pictures (H, W, 3) RGB; each is fitted into the size of the largest, keeping its shape.
+        tiles: pictures; each is fitted into the size of the largest, keeping its shape.
         columns: how many stand in a row.
         captions: one per tile; cut off where it does not fit.
 
     Returns:
-        (rows * (caption + H), columns * W, 3); places without a tile are black.
+        The rows of captions and tiles; places without a tile are black.
 
     Raises:
         ValueError: there are no tiles, as many captions as tiles are not given, or ``columns`` is not positive.
@@ -133,7 +137,7 @@ def contact_sheet(tiles: Sequence[Image], columns: int, captions: Sequence[str])
     return np.concatenate([np.concatenate(cells[i : i + columns], axis=1) for i in range(0, len(cells), columns)])
 
 
-def _bone(canvas: Image, start: Floats, end: Floats, color: Color, width: int, side: Hand | None) -> None:
+def _bone(canvas: Image, start: Point, end: Point, color: Color, width: int, side: Hand | None) -> None:
     """Draw a line over a dark rim; dashed for the left side."""
     ends = np.linspace(start, end, _DASHES + 1 if side == "left" else 2)
     pieces = list(zip(ends[:-1:2], ends[1::2], strict=True))
@@ -142,7 +146,7 @@ def _bone(canvas: Image, start: Floats, end: Floats, color: Color, width: int, s
             cv2.line(canvas, _fixed(a), _fixed(b), ink, thickness, cv2.LINE_AA, _SHIFT)
 
 
-def _joint(canvas: Image, point: Floats, color: Color, width: int, side: Hand | None) -> None:
+def _joint(canvas: Image, point: Point, color: Color, width: int, side: Hand | None) -> None:
     """Draw a disc over a dark rim; a square for the left side."""
     for ink, radius in ((_OUTLINE, 1.5 * width + 1), (color, 1.5 * width)):
         if side == "left":
@@ -151,7 +155,7 @@ def _joint(canvas: Image, point: Floats, color: Color, width: int, side: Hand | 
             cv2.circle(canvas, _fixed(point), round(radius * (1 << _SHIFT)), ink, cv2.FILLED, cv2.LINE_AA, _SHIFT)
 
 
-def _fixed(point: Floats) -> tuple[int, int]:
+def _fixed(point: Point) -> tuple[int, int]:
     """Return a point in OpenCV's fixed-point pixels; far outside any picture it is clipped, else OpenCV overflows."""
     x, y = np.clip(np.round(np.asarray(point, dtype=np.float64) * (1 << _SHIFT)), -(2**24), 2**24).astype(int).tolist()
     return x, y
@@ -165,8 +169,8 @@ def _side_color(side: Hand | None) -> Color:
     return HAND_COLORS[side] if side else _TRUNK_COLOR
 
 
-def _fitted(tile: Image, height: int, width: int) -> Image:
-    """Return the tile scaled to fit (height, width), centred on black."""
+def _fitted(tile: Tile, height: int, width: int) -> UInt8[np.ndarray, "{height} {width} 3"]:
+    """Return the tile scaled to fit, centred on black."""
     scale = min(height / tile.shape[0], width / tile.shape[1])
     size = (max(1, round(tile.shape[1] * scale)), max(1, round(tile.shape[0] * scale)))
     scaled = (
@@ -178,7 +182,7 @@ def _fitted(tile: Image, height: int, width: int) -> Image:
     return cell
 
 
-def _caption(text: str, width: int, height: int) -> Image:
+def _caption(text: str, width: int, height: int) -> UInt8[np.ndarray, "{height} {width} 3"]:
     """Return a black strip with white text, made smaller down to half its size before it is cut off."""
     strip = np.zeros((height, width, 3), dtype=np.uint8)
     font = cv2.FONT_HERSHEY_SIMPLEX

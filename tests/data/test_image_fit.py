@@ -128,6 +128,7 @@ def test_the_user_may_know_better(choice: str, scale: tuple[float, float], shift
     assert (fit.camera.width_px, fit.camera.height_px) == (1080, 1920)
 
 
+@pytest.mark.usefixtures("unchecked_types")
 def test_impossible_choices_are_refused() -> None:
     with pytest.raises(ValueError, match=r"cam01: the video is 1080x1920.*cannot be 'same'"):
         fit_image(camera(), picture(1080, 1920), "same")

@@ -56,6 +56,7 @@ def test_masked_makes_unsure_or_infinite_keypoints_missing_and_keeps_the_others(
     assert np.isnan(keypoints_px[[1, 2, 3]]).all()
 
 
+@pytest.mark.usefixtures("unchecked_types")
 def test_detections_refuse_wrong_shapes() -> None:
     assert BodyDetections.none().keypoints_px.shape == (0, 17, 2)
     with pytest.raises(DetectorError, match=r"\(2, 17, 2\) and \(2, 17\)"):

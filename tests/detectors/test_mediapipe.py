@@ -91,6 +91,7 @@ def test_the_fingerprint_names_the_version_and_the_models() -> None:
     assert fingerprint("mediapipe", {}) == found
 
 
+@pytest.mark.usefixtures("unchecked_types")
 def test_what_cannot_be_done_is_said() -> None:
     with pytest.raises(DetectorError, match="complexity 1, not 2"):
         create_body_detector("mediapipe", model_complexity=2)

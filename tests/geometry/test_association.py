@@ -155,6 +155,7 @@ def test_too_few_views_or_persons_give_nobody() -> None:
     assert selected_px.shape == (1, 4, 9, 2) and np.isnan(selected_px).all() and (selected == 0).all()
 
 
+@pytest.mark.usefixtures("unchecked_types")
 def test_shapes_that_do_not_fit_are_refused() -> None:
     pixels, confidence = observe(BODY[None, None])
     with pytest.raises(ValueError, match="4 views but there are 3 cameras"):

@@ -214,6 +214,7 @@ def test_confidence_pulls_and_zero_confidence_removes(make_rig: MakeRig) -> None
     assert (triangulate(pixels[:, :2], cameras[:2], ignore[:, 1:3]).status == "too_few_views").all()
 
 
+@pytest.mark.usefixtures("unchecked_types")
 def test_bad_arguments_are_refused(make_rig: MakeRig) -> None:
     cameras = make_rig(3)
     pixels = _observe(_points(2), cameras)
