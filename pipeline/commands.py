@@ -20,7 +20,7 @@ from pipeline.dag import TARGETS
 from pipeline.executors import open_executor, resolve_workers
 from pipeline.garbage import find_garbage
 from pipeline.history import History
-from pipeline.plan import PlannedNode, make_plan, total_seconds
+from pipeline.plan import make_plan, total_seconds
 from pipeline.progress import Progress
 from pipeline.recordings import select_recordings
 from pipeline.runner import Runner, results
@@ -72,14 +72,14 @@ def _run_until_whole(config: RunConfig, run: str, console: Console) -> list[Resu
         works = _works(config, run)
         rows = make_plan(works, Store(config.workspace), History(config.workspace))
         if any(row.num_to_run != 0 for row in rows):
-            _execute(config, works, rows, console)
+            _execute(config, works, console)
         if not any(result.is_repairable for result in results(works)):
             break
         console.print("the store had damaged entries; they were set aside and are made anew")
     return results(works)
 
 
-def _execute(config: RunConfig, works: list[SequenceWork], rows: list[PlannedNode], console: Console) -> None:
+def _execute(config: RunConfig, works: list[SequenceWork], console: Console) -> None:
     """Run what the plan has not settled."""
     with open_executor(config.executor, uuid.uuid4().hex[:8]) as executor, Progress(console) as progress:
         Runner(works, executor, Store(config.workspace), progress).run()
