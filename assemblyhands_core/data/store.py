@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, cast
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from assemblyhands_core.data.digests import digest_json
+from assemblyhands_core.data.digests import digest_json, digest_table
 from assemblyhands_core.data.tables import BLOB_SUFFIX, TableError, TableSpec, read_parquet, write_parquet
 
 if TYPE_CHECKING:
@@ -110,17 +110,19 @@ class Store:
     def find(self, stage: str, key: str) -> Record | None:
         """Return the record of a whole entry, or None; a damaged entry is moved away and counts as absent.
 
-        Looks at sizes and Parquet's end marks only, so that thousands of entries are checked in a second.
+        Looks at sizes, times and Parquet's end marks only, so that thousands of entries are checked in a second; a
+        table that is newer than its record was touched since, and is read.
         """
         folder = self.entry(stage, key)
+        if not folder.is_dir():  # asked before its files are: another run may publish it any moment
+            return None
         try:
-            record: Record | None = Record.from_json((folder / _RECORD).read_text())
+            record = Record.from_json((folder / _RECORD).read_text())
+            if _looks_whole(folder, record):
+                return record
         except (OSError, ValueError, TypeError, KeyError, AttributeError):
-            record = None
-        if record is not None and _looks_whole(folder, record):
-            return record
-        if folder.is_dir():
-            self._discard(folder)
+            pass  # no record, or one that is cut
+        self._discard(folder)
         return None
 
     def read(self, record: Record, output: str, spec: TableSpec) -> pa.Table:
@@ -192,6 +194,7 @@ def load(path_or_node: str | Path, table: str | None = None, *, run: str = "late
 
     Raises:
         FileNotFoundError: naming what is absent and what there is.
+        OSError: naming a file that is damaged.
     """
     path = Path(path_or_node)
     if not path.exists():
@@ -212,7 +215,10 @@ def workspace_folder() -> Path:
 
 def _load_file(file: Path) -> pa.Table:
     real = file.resolve()
-    table = pq.read_table(real).replace_schema_metadata(None)
+    try:
+        table = _read_verified(real).replace_schema_metadata(None)
+    except (OSError, pa.ArrowException) as error:
+        raise OSError(f"{file} cannot be read ({error}); run the command that made it again") from error
     return _absolute(table, [name for name in table.schema.names if name.endswith(BLOB_SUFFIX)], real.parent)
 
 
@@ -236,12 +242,39 @@ def _reasons(table: pa.Table) -> dict[str, int]:
 
 def _looks_whole(folder: Path, record: Record) -> bool:
     try:
-        tables_whole = all(
-            _is_parquet(folder / f"{name}.parquet", output.num_bytes) for name, output in record.outputs.items()
+        tables = {folder / f"{name}.parquet": output for name, output in record.outputs.items()}
+        return (
+            all(_is_parquet(path, output.num_bytes) for path, output in tables.items())
+            and all((folder / name).stat().st_size == size for name, size in record.blobs.items())
+            and _untouched_since(folder / _RECORD, tables)
         )
-        return tables_whole and all((folder / name).stat().st_size == size for name, size in record.blobs.items())
     except OSError:
         return False
+
+
+def _untouched_since(record: Path, tables: Mapping[Path, Output]) -> bool:
+    """Whether the tables are older than their record, which was written last, or hold what it says all the same."""
+    written_ns = record.stat().st_mtime_ns
+    newer = {path: output for path, output in tables.items() if path.stat().st_mtime_ns > written_ns}
+    if not all(_has_digest(path, output.digest) for path, output in newer.items()):
+        return False
+    if newer:  # a copied workspace, for example: look once
+        with suppress(OSError):
+            record.touch()
+    return True
+
+
+def _has_digest(path: Path, digest: str) -> bool:
+    try:
+        table = _read_verified(path)
+    except pa.ArrowException:
+        return False
+    return digest_table(table, tuple(name for name in table.schema.names if name.endswith(BLOB_SUFFIX))) == digest
+
+
+def _read_verified(path: Path) -> pa.Table:
+    """Read a Parquet file; a page whose checksum is wrong is an OSError."""
+    return pq.ParquetFile(path, page_checksum_verification=True).read()
 
 
 def _is_parquet(path: Path, num_bytes: int) -> bool:
