@@ -5,9 +5,10 @@ import shutil
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from assemblyhands_core.data.store import Store
-from pipeline.config import GcConfig
+from pipeline.config import GcConfig, UserError
 from pipeline.history import History
 
 
@@ -37,22 +38,36 @@ class Garbage:
 
 
 def find_garbage(workspace: Path, config: GcConfig) -> Garbage:
-    """Return what may be removed. The caller holds the workspace's lock, so that no run is under way."""
-    runs = History(workspace).runs
+    """Return what may be removed, never what ``latest`` points to.
+
+    The caller holds the workspace's lock, so that no run is under way.
+    """
+    runs, latest = History(workspace).runs, (workspace / "runs" / "latest").resolve()
     store = Store(workspace)
-    kept = set(_referenced(runs[: config.keep_runs]))
+    old = [run for run in runs[config.keep_runs :] if run.resolve() != latest]
+    kept_runs = [run for run in runs if run not in old]
+    kept = set(_referenced(kept_runs))
     entries = [path for path in store.entries() if (path.parent.name, path.name) not in kept]
-    kept_names = {run.name for run in runs[: config.keep_runs]}
+    kept_names = {run.name for run in kept_runs}
     logs = [path for path in _subfolders(workspace / "logs") if path.name not in kept_names]
     drafts = [path for path in _subfolders(workspace / "runs") if path.name.startswith(".")]
-    return Garbage(runs[config.keep_runs :], logs, entries, [*store.leftovers(), *drafts])
+    return Garbage(old, logs, entries, [*store.leftovers(), *drafts])
 
 
 def _referenced(runs: Iterable[Path]) -> Iterable[tuple[str, str]]:
     for run in runs:
         for path in run.glob("*/manifest.json"):
-            manifest = json.loads(path.read_text())
+            manifest = _read(path)
             yield from ((manifest["stage"], shard["key"]) for shard in manifest["shards"].values())
+
+
+def _read(manifest: Path) -> Any:
+    try:
+        return json.loads(manifest.read_text())
+    except ValueError as error:
+        raise UserError(
+            f"{manifest} is damaged ({error}), so what its run needs is unknown; remove {manifest.parents[1]} first"
+        ) from error
 
 
 def _subfolders(folder: Path) -> list[Path]:
