@@ -216,7 +216,7 @@ def workspace_folder() -> Path:
 def _load_file(file: Path) -> pa.Table:
     real = file.resolve()
     try:
-        table = _read_verified(real).replace_schema_metadata(None)
+        table = _read_verified(real)
     except (OSError, pa.ArrowException) as error:
         raise OSError(f"{file} cannot be read ({error}); run the command that made it again") from error
     return _absolute(table, [name for name in table.schema.names if name.endswith(BLOB_SUFFIX)], real.parent)
@@ -273,8 +273,14 @@ def _has_digest(path: Path, digest: str) -> bool:
 
 
 def _read_verified(path: Path) -> pa.Table:
-    """Read a Parquet file; a page whose checksum is wrong is an OSError."""
-    return pq.ParquetFile(path, page_checksum_verification=True).read()
+    """Read a table as it was written, without its definition; a page whose checksum is wrong is an OSError."""
+    table = pq.ParquetFile(path, page_checksum_verification=True).read().replace_schema_metadata(None)
+    # Parquet calls a list's values "element", which is part of their type and so of the digest.
+    kinds = [
+        pa.list_(kind.value_type, kind.list_size) if pa.types.is_fixed_size_list(kind) else kind
+        for kind in table.schema.types
+    ]
+    return table.cast(pa.schema(list(zip(table.schema.names, kinds, strict=True))))
 
 
 def _is_parquet(path: Path, num_bytes: int) -> bool:
