@@ -47,7 +47,8 @@ class VideoWriter:
             raise ValueError(f"{path}: a video of {width_px} x {height_px} px at {rate_hz} Hz cannot be written")
         self._container = av.open(str(self.path), "w", format="mp4", options={"movflags": "+faststart"})
         # One thread: x264's output depends on how many there are. No creation time is stored unless asked for.
-        options = {"crf": str(crf), "preset": "veryfast", "threads": "1"}
+        # Macroblock-tree rate control gave other bytes for equal pictures in 3 of 40 encodings (x264's SIMD code).
+        options = {"crf": str(crf), "preset": "veryfast", "threads": "1", "x264-params": "mbtree=0"}
         self._stream: Any = self._container.add_stream("libx264", rate=rate, options=options)
         self._stream.width, self._stream.height = width_px + width_px % 2, height_px + height_px % 2
         self._stream.pix_fmt = "yuv420p"
