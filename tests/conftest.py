@@ -8,19 +8,12 @@ from pathlib import Path
 import jaxtyping
 import pytest
 
-# From here on what these modules take and return is held against the types and shapes that they state. An int passes
-# for a float, as it does for mypy. Before the modules are imported for the first time, and in this process alone: what
-# tests start runs as users run it.
-jaxtyping.install_import_hook(
-    [
-        *(f"assemblyhands_core.{package}" for package in ("geometry", "hands", "detectors", "viz")),
-        *(f"assemblyhands_core.data.{module}" for module in ("crop_images", "image_fit", "outcomes")),
-    ],
-    "beartype.beartype(conf=beartype.BeartypeConf(is_pep484_tower=True))",
-)
-
 REPOSITORY = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(Path(__file__).parent))  # for tiny_recording and command_line, which folders share
+sys.path.insert(0, str(Path(__file__).parent))  # for the modules beside this one, which folders share
+
+# From here on, before its first import, what the core takes and returns is held against the types and shapes that it
+# states. In this process alone: what tests start runs as users run it.
+jaxtyping.install_import_hook("assemblyhands_core", "type_checks.check")
 
 
 @pytest.fixture
