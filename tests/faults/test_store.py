@@ -1,0 +1,155 @@
+"""Damaged entries of the store: found, set aside and made anew by the same command, with the same contents.
+
+Every file of an entry is named: a table, a blob or the record. A flipped byte leaves its size alone; it is found when a
+stage reads the table, or because the file is newer than its record, so that nobody is handed it as a result.
+"""
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from command_line import entries, new_stages, pipeline
+
+from assemblyhands_core.data.store import load
+
+Damage = Callable[[Path], None]
+
+
+def _truncate(file: Path) -> None:
+    file.write_bytes(file.read_bytes()[:-7])
+
+
+def _empty(file: Path) -> None:
+    file.write_bytes(b"")
+
+
+def _remove(file: Path) -> None:
+    file.unlink()
+
+
+def _flip(file: Path) -> None:
+    """Flip a bit of the first data page, behind Parquet's magic bytes and the page's header."""
+    content = bytearray(file.read_bytes())
+    content[len(content) // 3] ^= 0x10
+    file.write_bytes(bytes(content))
+
+
+def _flip_the_end(file: Path) -> None:
+    """Flip a bit of Parquet's footer."""
+    content = bytearray(file.read_bytes())
+    content[-40] ^= 0x10
+    file.write_bytes(bytes(content))
+
+
+def _cut_record(file: Path) -> None:
+    record = file.parent / "record.json"
+    record.write_bytes(record.read_bytes()[:100])
+
+
+def _remove_record(file: Path) -> None:
+    (file.parent / "record.json").unlink()
+
+
+def _remove_entry(file: Path) -> None:
+    shutil.rmtree(file.parent)
+
+
+TABLES = {
+    "ingest": "chunks", "undistort": "rectified_views", "detect_hands": "bodies", "crop_hands": "crops",
+    "detect_keypoints": "keypoints", "triangulate": "joints", "measure_quality": "quality", "draw_overlays": "overlays",
+}  # fmt: skip
+DAMAGES: list[Damage] = [
+    _truncate, _empty, _remove, _flip, _flip_the_end, _cut_record, _remove_record, _remove_entry,
+]  # fmt: skip
+
+
+def _file(workspace: Path, stage: str, generator: np.random.Generator) -> Path:
+    files = sorted((workspace / "store" / stage).glob(f"*/{TABLES[stage]}.parquet"))
+    return files[int(generator.integers(len(files)))]
+
+
+def _heal_and_check(undisturbed: Any, workspace: Path, assert_clean: Callable[[Path], None]) -> None:
+    undisturbed.assert_same(workspace, pipeline(*undisturbed.command, "executor=serial", workspace=workspace))
+    assert_clean(workspace)
+
+
+@pytest.mark.parametrize("shift", [0, 3])
+def test_damage_everywhere_is_healed(shift: int, undisturbed: Any, finished: Path, assert_clean: Any) -> None:
+    """Damage one entry of every stage at once, each in another way."""
+    generator = np.random.default_rng(shift)
+    for number, stage in enumerate(TABLES):
+        DAMAGES[(number + shift) % len(DAMAGES)](_file(finished, stage, generator))
+    _heal_and_check(undisturbed, finished, assert_clean)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("damage", DAMAGES)
+@pytest.mark.parametrize("stage", TABLES)
+def test_each_damage_is_healed(stage: str, damage: Damage, undisturbed: Any, finished: Path, assert_clean: Any) -> None:
+    damage(_file(finished, stage, np.random.default_rng(0)))
+    _heal_and_check(undisturbed, finished, assert_clean)
+
+
+def test_a_damaged_last_result_is_not_handed_out(undisturbed: Any, finished: Path, assert_clean: Any) -> None:
+    """No stage reads it, so nobody but the run itself can notice."""
+    file = _file(finished, "triangulate", np.random.default_rng(1))
+    for name in ("measure_quality", "draw_overlays"):
+        assert (finished / "store" / name).is_dir()  # all that would read it is there already
+    _flip(file)
+    with pytest.raises(OSError, match=r"parquet cannot be read .*; run the command that made it again"):
+        load(file)
+    before = entries(finished)
+    undisturbed.assert_same(finished, pipeline(*undisturbed.command, "executor=serial", workspace=finished))
+    assert new_stages(finished, before) == {"triangulate": 1}
+
+
+def test_a_lost_picture_is_drawn_again(undisturbed: Any, finished: Path) -> None:
+    for picture in (finished / "store" / "draw_overlays").glob("*/*.png"):
+        picture.unlink()
+    undisturbed.assert_same(finished, pipeline(*undisturbed.command, "executor=serial", workspace=finished))
+    assert all(Path(path).is_file() for path in load(finished / "runs" / "latest" / "overlay").overlay_file)
+
+
+def test_what_reads_a_healed_entry_is_reused(undisturbed: Any, finished: Path) -> None:
+    """The first chunk is made anew after the others were found: order must not count."""
+    first = (finished / "runs" / "latest" / "round_0" / "joints" / "tiny.00000.parquet").resolve().parent
+    shutil.rmtree(first)
+    before = entries(finished)
+    undisturbed.assert_same(finished, pipeline(*undisturbed.command, "executor=serial", workspace=finished))
+    assert new_stages(finished, before) == {"triangulate": 1}
+
+
+def test_damaged_memories_do_no_harm(undisturbed: Any, finished: Path) -> None:
+    """What the engine only remembers may be lost: it is worked out again."""
+    (finished / "file-digests.json").write_text('{"half')
+    manifest = next((finished / "runs").glob("[!l]*/round_0/manifest.json"))
+    manifest.write_text("")
+    next((finished / "runs").glob("[!l]*/run.json")).write_text("[")
+    before = entries(finished)
+    undisturbed.assert_same(finished, pipeline(*undisturbed.command, "executor=serial", workspace=finished))
+    assert new_stages(finished, before) == {}
+    # gc would remove what only that run needs: it asks first.
+    pipeline("gc", workspace=finished).assert_refused(2, str(manifest), "is damaged", "remove")
+    assert entries(finished) == before
+
+
+def test_gc_keeps_the_latest_result_however_often_the_recording_was_looked_at(undisturbed: Any, finished: Path) -> None:
+    command = [*undisturbed.command[1:], "executor=serial"]
+    for _ in range(2):
+        pipeline("doctor", *command, workspace=finished).assert_done()
+    pipeline("gc", "gc.keep_runs=1", workspace=finished).assert_done()
+    assert len(list((finished / "runs").glob("[!l]*"))) == 2
+    before = entries(finished)
+    undisturbed.assert_same(finished, pipeline("annotate", *command, workspace=finished))
+    assert new_stages(finished, before) == {}
+
+
+def test_a_copied_workspace_is_whole_though_its_times_are_new(undisturbed: Any, finished: Path) -> None:
+    for table in (finished / "store").glob("*/*/*.parquet"):
+        table.touch()
+    before = entries(finished)
+    undisturbed.assert_same(finished, pipeline(*undisturbed.command, "executor=serial", workspace=finished))
+    assert new_stages(finished, before) == {}
