@@ -24,7 +24,7 @@ from assemblyhands_core.hands.kinematics import (
 )
 from assemblyhands_core.synthetic.motion import rotation
 
-Contact = Literal["pinch", "tripod", "round", "wrap"]
+Contact = Literal["pinch", "tripod", "hold", "round", "wrap"]
 
 PAD_MM: Final = 7.0
 """From the joint in a fingertip to the skin that touches."""
@@ -37,8 +37,8 @@ class GripKind:
     """A way to take hold.
 
     Attributes:
-        contact: Which fingertips touch where: two or three on flat sides ("pinch", "tripod"), four around an axis
-            along z ("round") or along y ("wrap").
+        contact: Which fingertips touch where: two, three or four on flat sides ("pinch", "tripod", "hold"), three or
+            four around an axis along z ("round"), all five around an axis along y ("wrap").
         width_mm: Of the object between thumb and fingers.
     """
 
@@ -87,6 +87,9 @@ def _contacts_mm(kind: GripKind) -> Mapping[str, Float64[np.ndarray, "3"]]:
     if kind.contact == "tripod":
         sides = {"index": np.array([reach, -10.0, 0.0]), "middle": np.array([reach, 10.0, 0.0])}
         return {"thumb": np.array([-reach, 0.0, 0.0]), **sides}
+    if kind.contact == "hold":
+        sides = {f: np.array([reach, y, 0.0]) for f, y in (("index", -20.0), ("middle", 0.0), ("ring", 19.0))}
+        return {"thumb": np.array([-reach, -8.0, 0.0]), **sides}
     if kind.contact == "round":
         least = max(1.0, 10.0 / reach)
         azimuth = {"thumb": np.pi, "index": -0.55 * least, "middle": 0.3 * least, "ring": 0.3 * least + 20.0 / reach}
@@ -110,6 +113,7 @@ class _Nominal:
 _NOMINAL: Final[Mapping[Contact, _Nominal]] = {
     "pinch": _Nominal("pinch", (-30.0, 100.0, -72.0), (0.15, 0.86, 0.48), (0.0, 0.48, -0.87)),
     "tripod": _Nominal("tripod", (-22.0, 98.0, -74.0), (0.2, 0.85, 0.48), (0.0, 0.48, -0.87)),
+    "hold": _Nominal("tripod", (-14.0, 98.0, -74.0), (0.2, 0.85, 0.48), (0.0, 0.48, -0.87)),
     "round": _Nominal("tripod", (-20.0, 96.0, -74.0), (0.25, 0.84, 0.48), (0.0, 0.48, -0.87)),
     "wrap": _Nominal("power", (-8.0, 92.0, -58.0), (0.2, 0.85, 0.48), (0.0, 0.48, -0.87)),
 }
