@@ -49,7 +49,7 @@ benchmark: $(VENV)/.installed-dev  ## speed, side by side with the alternatives
 	for file in benchmarks/*.py; do $(BIN)/python $$file || exit 1; done
 
 docs: $(VENV)/.installed  ## print docs/tables.md anew from the pipeline
-	$(RUN) describe > docs/tables.md
+	$(RUN) describe > docs/.tables.md && mv docs/.tables.md docs/tables.md
 
 help:  ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)

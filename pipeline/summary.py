@@ -68,7 +68,7 @@ def print_quality(console: Console, run: Path) -> None:
             console.print(table)
     for path in sorted((run / "detect_hands" / "followed").glob("*.parquet")):
         for note in pq.read_table(path.resolve()).column("note").to_pylist():
-            console.print(f"{path.stem}: {note}", markup=False, highlight=False)
+            console.print(f"{path.stem}: {note}", markup=False, highlight=False, soft_wrap=True)
     for path in sorted((run / "overlay" / "overlays").glob("*.parquet")):
         real = path.resolve()
         for name in pq.read_table(real).column("overlay_file").to_pylist():
