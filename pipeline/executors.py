@@ -1,15 +1,18 @@
 """Where tasks run: in this process, or on Dask workers. Both take the same tasks and give the same results."""
 
 import os
+import time
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any, Protocol
 
 from pipeline.config import ExecutorConfig
-from pipeline.local_cluster import local_client
+from pipeline.local_cluster import LocalWorkers, local_workers
 from pipeline.tasks import Result, Task, run_task
 from pipeline.work import Handle
+
+_POLL_S = 0.02
 
 
 class Executor(Protocol):
@@ -41,12 +44,12 @@ class SerialExecutor:
 
 
 class DaskExecutor:
-    """Runs tasks on the workers of a Dask client; a task starts as soon as its own inputs are there."""
+    """Runs tasks on Dask's workers; a task starts as soon as its own inputs are there."""
 
-    def __init__(self, client: Any, token: str) -> None:
+    def __init__(self, workers: LocalWorkers, token: str) -> None:
         from distributed import as_completed
 
-        self._client, self._token = client, token
+        self._workers, self._token = workers, token
         self._futures: Any = as_completed(raise_errors=False)
         self._tasks: dict[str, tuple[Task, list[Any]]] = {}
 
@@ -54,14 +57,24 @@ class DaskExecutor:
         """Submit a task and return its future."""
         # The token keeps a long-lived scheduler from answering with an earlier run's outcome.
         key = f"{task.node.name}-{task.shard}-{self._token}"
-        future = self._client.submit(run_task, task, dict(upstream), key=key, pure=False)
+        future = self._workers.client.submit(run_task, task, dict(upstream), key=key, pure=False)
         self._tasks[future.key] = (task, [handle for handles in upstream.values() for handle in handles])
         self._futures.add(future)
         return future
 
     def completed(self) -> Iterator[Result]:
-        """Yield results as they come; a lost worker becomes a failed result."""
-        for future in self._futures:
+        """Yield results as they come; a lost worker becomes a failed result.
+
+        Raises:
+            UserError: if workers die faster than they work.
+        """
+        while not self._futures.is_empty():
+            if not self._futures.has_ready():
+                self._workers.check_alive()
+                time.sleep(_POLL_S)
+                continue
+            future = next(self._futures)
+            self._workers.note_progress()
             yield future.result() if future.status == "finished" else self._failure(future)
 
     def _failure(self, future: Any) -> Result:
@@ -87,5 +100,5 @@ def open_executor(config: ExecutorConfig, token: str) -> Iterator[Executor]:
     if config.name == "serial":
         yield SerialExecutor()
         return
-    with local_client(*resolve_workers(config), config.memory_limit) as client:
-        yield DaskExecutor(client, token)
+    with local_workers(*resolve_workers(config), config.memory_limit) as workers:
+        yield DaskExecutor(workers, token)

@@ -2,8 +2,9 @@
 
 import logging
 import signal
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass, field
 from multiprocessing import resource_tracker
 from typing import Any
 
@@ -12,11 +13,43 @@ from pipeline.config import UserError
 # OpenCV and BLAS would each start a thread per core in every worker.
 _THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OPENCV_FOR_THREADS_NUM")
 _MAX_STARTS = 3
+_MAX_LIVES = 12  # of each worker without anything done: a shard that kills its worker is given up after the fourth
+
+
+@dataclass
+class LocalWorkers:
+    """The worker processes, watched: Dask revives the dead for ever, also those that die before they can do anything.
+
+    Attributes:
+        client: Dask's client of them.
+    """
+
+    client: Any
+    _nannies: Callable[[], Iterable[Any]]
+    _max_lives: int
+    _seen_pids: set[int] = field(default_factory=set)
+
+    def note_progress(self) -> None:
+        """Forgive the deaths so far: something was done meanwhile."""
+        self._seen_pids.clear()
+
+    def check_alive(self) -> None:
+        """Look who is alive.
+
+        Raises:
+            UserError: if workers have died again and again since anything was done.
+        """
+        self._seen_pids.update(nanny.pid for nanny in self._nannies() if nanny.pid)
+        if len(self._seen_pids) > self._max_lives:
+            raise UserError(
+                f"worker processes have died {len(self._seen_pids)} times and got nothing done; raise "
+                "executor.memory_limit or lower executor.num_workers, or see why with executor=serial"
+            )
 
 
 @contextmanager
-def local_client(num_workers: int, num_threads: int, memory_limit: str) -> Iterator[Any]:
-    """Give a Dask client of so many worker processes, and end them all afterwards.
+def local_workers(num_workers: int, num_threads: int, memory_limit: str) -> Iterator[LocalWorkers]:
+    """Give so many worker processes, and end them all afterwards.
 
     Raises:
         UserError: if they do not start.
@@ -31,7 +64,7 @@ def local_client(num_workers: int, num_threads: int, memory_limit: str) -> Itera
         "distributed.logging.distributed": "critical",  # a lost worker is our own sentence, not their tracebacks
     }
     with dask.config.set(settings), _start(num_workers, memory_limit) as cluster, Client(cluster) as client:
-        yield client
+        yield LocalWorkers(client, lambda: list(cluster.workers.values()), _MAX_LIVES * num_workers)
 
 
 def _start(num_workers: int, memory_limit: str) -> Any:
