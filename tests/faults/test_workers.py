@@ -54,4 +54,4 @@ def test_gc_waits_for_no_run_but_refuses(undisturbed: Any, tmp_path: Path) -> No
 def test_workers_without_memory_do_not_hang(undisturbed: Any, tmp_path: Path) -> None:
     limit = ["executor.num_workers=2", "executor.memory_limit=60MB"]
     outcome = pipeline(*undisturbed.command, *limit, workspace=tmp_path / "work")
-    outcome.assert_refused(1, "its worker was lost", "out of memory is the usual cause")
+    outcome.assert_refused(2, "worker processes have died", "raise executor.memory_limit")
