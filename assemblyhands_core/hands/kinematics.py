@@ -53,12 +53,13 @@ _BASES_MM: Final = ((-23.0, 24.0, -10.0), (-24.0, 91.0, -1.0), (-2.0, 93.0, 2.0)
 _SPLAY_DEG: Final = (3.0, 0.0, -3.5, -8.0)
 _ROLL_DEG: Final = (-5.0, 0.0, 6.0, 12.0)
 _THUMB_DIRECTION: Final = (-0.50, 0.78, -0.38)
-_THUMB_NAIL: Final = (-0.72, -0.25, 0.62)
+_THUMB_NAIL: Final = (-0.83, -0.35, 0.42)
 
 # How far the carpometacarpal joints of ring and little finger follow the bend of their fingers (hollow of the hand),
-# and how far the thumb turns its pad to the fingers as it crosses the palm (saddle joint; 17° in all after Cooney).
+# and how far the thumb turns its pad to the fingers as it crosses the palm and leaves it (17° in the saddle joint after
+# Cooney, about as much again in the MCP joint), by its flexion and by its abduction.
 _CUPPING: Final = np.array([0.0, 0.0, 0.0, 0.08, 0.16])
-_PRONATION: Final = np.array([0.5, 0.0, 0.0, 0.0, 0.0])
+_PRONATION: Final = np.array([[-0.6, -0.4]] + 4 * [[0.0, 0.0]])
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,8 +167,8 @@ def _local_frames(
         for share in (0.5, 1.0):
             rotation = zero @ _about_x(-share * flexion[joint])
             if joint == 0:
-                turn = _about_z(share * abduction) @ _about_y(share * _PRONATION * flexion[0])
-                rotation = rotation @ turn
+                pronation = _PRONATION[:, 0] * flexion[0] + _PRONATION[:, 1] * abduction
+                rotation = rotation @ _about_z(share * abduction) @ _about_y(share * pronation)
             frames.append(_stacked(rotation, origin))
         step = skeleton.phalanges_mm[:, joint, None] * np.array([0.0, 1.0, 0.0])
     return np.stack(frames, axis=-3)
