@@ -7,7 +7,7 @@ from assemblyhands_core.geometry.distortion import OpenCVLens, OVFishEye62
 
 _FIELD_RADII = np.array([0.3, 0.6, 0.9])
 _FIELD_MAGNIFICATION = np.array([0.9893, 0.9686, 0.9670])
-_FIELD_SPREAD = np.array([1.5e-4, 4e-4, 8e-4])
+_FIELD_SPREAD = np.array([1e-4, 3e-4, 7e-4])
 
 _FIT_ANGLES = np.radians(np.linspace(0.5, 90.0, 180))
 _MAX_TANGENTIAL = 1e-3
@@ -26,16 +26,15 @@ def draw_perspective_lens(rng: np.random.Generator) -> OpenCVLens:
 
 
 def draw_fisheye_lens(rng: np.random.Generator) -> OVFishEye62:
-    """Draw a lens of the egocentric cameras, one-to-one over the whole image and far beyond it.
+    """Draw a lens of the egocentric cameras, one-to-one over the whole image and up to 180°.
 
-    The curve is r/θ = 1 + h θ² / sqrt(1 + (θ/w)⁴): equidistant on the axis, stretched by about 30 % at the rim. The
-    last of the six radial coefficients is drawn positive, so that the polynomial grows on to 180°; the others fit the
-    curve up to 90°, where the corners of the image lie.
+    The curve is r/θ = 1 + h θ² / sqrt(1 + (θ/w)⁴) + c (θ/90°)¹⁶: equidistant on the axis, stretched by about 28 % at
+    75° and steeply more towards 90°, so that the corners of the image lie just in front of the lens. The last of the
+    six radial coefficients is drawn, the others fit the curve up to 90°.
     """
-    height, width = rng.uniform(0.276, 0.288), rng.uniform(1.07, 1.10)
-    k6 = rng.uniform(0.014, 0.018)
-    squared = _FIT_ANGLES**2
-    curve = height * squared / np.sqrt(1 + (_FIT_ANGLES / width) ** 4)
+    height, width, rim = rng.uniform((0.276, 1.085, 0.09), (0.288, 1.11, 0.12))
+    k6 = rng.uniform(0.014, 0.020)
+    curve = height * _FIT_ANGLES**2 / np.sqrt(1 + (_FIT_ANGLES / width) ** 4) + rim * (2 * _FIT_ANGLES / np.pi) ** 16
     powers = _powers(_FIT_ANGLES, 6)
     fitted = np.linalg.lstsq(powers[:, :5], curve - k6 * powers[:, 5], rcond=None)[0]
     k1, k2, k3, k4, k5 = (float(value) for value in fitted)
