@@ -14,6 +14,7 @@ from pipeline.config import RunConfig, UserError
 
 _MANIFESTS = Path(__file__).resolve().parents[1] / "data_manifests"
 _COLUMNS = ("sequence_id", "split", "calibration", "videos", "package")
+_MAX_LISTED = 10
 _FORBIDDEN_IN_NAMES = set("/\\*?[],= \t\n")
 
 
@@ -68,15 +69,20 @@ def _selected(wanted: str, names: list[str]) -> list[str]:
         matches = fnmatch.filter(names, pattern.strip())
         if not matches:
             raise UserError(
-                f"there is no sequence {pattern}; the manifest has {', '.join(names) or 'none'}. "
+                f"there is no sequence {pattern}; the manifest has {_listed(names)}. "
                 "For files of your own: rig.calibration=PATH rig.videos='GLOB' seq=NAME"
             )
         chosen += [name for name in matches if name not in chosen]
     return chosen
 
 
+def _listed(names: list[str]) -> str:
+    more = f" and {len(names) - _MAX_LISTED} more" if len(names) > _MAX_LISTED else ""
+    return (", ".join(names[:_MAX_LISTED]) or "none") + more
+
+
 def _manifest_rows(manifest: str | None) -> dict[str, dict[str, str]]:
-    paths = sorted(glob.glob(manifest)) if manifest else [str(path) for path in sorted(_MANIFESTS.glob("*.csv"))]
+    paths = sorted(glob.glob(manifest)) if manifest else [str(_MANIFESTS / "demo.csv")]
     if not paths:
         raise UserError(f"manifest={manifest} names no file")
     rows: dict[str, dict[str, str]] = {}
