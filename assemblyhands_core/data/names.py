@@ -6,6 +6,8 @@ from datetime import datetime
 from pathlib import PurePosixPath
 from typing import Final
 
+from assemblyhands_core.data.json_files import FormatError, kind_of
+
 _RECORDING: Final = re.compile(
     r"nusar-2021_action_both_(\d{4})-([abc]\d{2}[a-z]?)_(\d{4})_user_id_(\d{4}-\d{2}-\d{2}_\d{6})", re.ASCII
 )
@@ -103,19 +105,21 @@ def checked_component(name: object, what: str) -> str:
         what: What it names and where it was read, for the message.
 
     Raises:
-        ValueError: It is no string, empty, or could leave its folder.
+        FormatError: It is no string, empty, or could leave its folder.
     """
     if not isinstance(name, str) or not _COMPONENT.fullmatch(name):
-        raise ValueError(f"{what} is {_short(name)}: it becomes part of file names, so use letters, digits, - _ and .")
+        raise FormatError(
+            f"{what} is {kind_of(name)}: it becomes part of file names, so use letters, digits, - _ and ."
+        )
     return name
 
 
 def checked_relative_path(path: object, what: str) -> str:
     """Return a relative path whose every component is safe; arguments and errors as of `checked_component`."""
     if not isinstance(path, str) or not path or path != str(PurePosixPath(path)):
-        raise ValueError(f"{what} is {_short(path)}: give a plain relative path like folder/file.")
+        raise FormatError(f"{what} is {kind_of(path)}: give a plain relative path like folder/file.")
     for part in path.split("/"):
-        checked_component(part, f"{what} is {_short(path)}, in which a part")
+        checked_component(part, f"{what} is {kind_of(path)}, in which a part")
     return path
 
 
@@ -124,8 +128,3 @@ def _known_serial(name: str) -> str:
     if serial is None:
         raise ValueError(f"{name!r} names no egocentric camera: expected eight digits, as in HMC_84355350_mono10bit.")
     return serial
-
-
-def _short(value: object) -> str:
-    text = repr(value)
-    return text if len(text) <= 80 else f"{text[:77]}..."
