@@ -7,7 +7,7 @@ n of a 30 Hz video that begins with the first key is key first + 2 n. World coor
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -16,7 +16,7 @@ from jaxtyping import Bool, Float64, Int64
 
 from assemblyhands_core.data.camera_matrices import checked_intrinsics, checked_pose, pinhole_camera
 from assemblyhands_core.data.json_files import FormatError, json_object, member, numbers, read_json_object, write_json
-from assemblyhands_core.data.names import checked_component
+from assemblyhands_core.data.names import checked_component, ego_calibration_name
 from assemblyhands_core.geometry.cameras import Camera
 from assemblyhands_core.hands.joints import HANDS, NUM_JOINTS
 
@@ -93,6 +93,24 @@ class EgoCalibration:
         matrices = dict(zip(self.camera_ids, self.K_px, strict=True))
         return {
             name: pinhole_camera(name, matrices[name], pose, size_px)
+            for name, pose in self.poses_at(frame_60hz).items()
+        }
+
+    def raw_at(self, frame_60hz: int, calibration: Mapping[str, Camera]) -> dict[str, Camera]:
+        """Return the fisheye cameras of a frame's raw videos: lenses of the recording's calibration, poses from here.
+
+        Args:
+            frame_60hz: The frame.
+            calibration: The recording's Assembly101 calibration; its egocentric poses, in the headset, are not used.
+
+        Raises:
+            ValueError: The calibration lacks a camera of the frame.
+        """
+        names = {name: ego_calibration_name(name) for name in self.poses_at(frame_60hz)}
+        if missing := set(names.values()) - set(calibration):
+            raise ValueError(f"the calibration has no camera {', '.join(sorted(missing))}; use this recording's own.")
+        return {
+            name: replace(calibration[names[name]], camera_id=name, T_camera_from_world=pose)
             for name, pose in self.poses_at(frame_60hz).items()
         }
 

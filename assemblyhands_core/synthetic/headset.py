@@ -9,11 +9,10 @@ from typing import Final
 
 import numpy as np
 
+from assemblyhands_core.data.assemblyhands import EGO_SIZE_PX
 from assemblyhands_core.geometry.cameras import Camera
 from assemblyhands_core.synthetic.lens_draws import draw_fisheye_lens
 from assemblyhands_core.synthetic.mounts import disturbed, look_at
-
-EGO_SIZE_PX: Final = (636, 480)
 
 # ego1..ego4 of the two headsets that recorded Assembly101 (formats 1.2).
 HEADSETS: Final[tuple[tuple[str, ...], ...]] = (

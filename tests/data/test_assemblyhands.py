@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from assemblyhands_core.data.assembly101 import write_assembly101_calibration
 from assemblyhands_core.data.assemblyhands import (
     RECTIFIED_FOCAL_SCALE,
     EgoCalibration,
@@ -22,6 +23,7 @@ from assemblyhands_core.data.assemblyhands import (
 )
 from assemblyhands_core.data.json_files import FormatError
 from assemblyhands_core.geometry import transforms
+from assemblyhands_core.geometry.cameras import load_assembly101_calibration
 from assemblyhands_core.geometry.crops import rectified
 from assemblyhands_core.synthetic.mounts import look_at
 from assemblyhands_core.synthetic.rig import assembly_rig
@@ -168,6 +170,22 @@ def test_rectified_cameras_are_the_simulators(tmp_path: Path) -> None:
         assert np.array_equal(np.isnan(expected), np.isnan(found))
         assert np.nanmax(np.abs(expected - found), initial=0) < 1e-9
         assert (read[name].width_px, read[name].height_px) == (636, 480)
+
+
+def test_both_files_together_give_the_simulators_fisheyes(tmp_path: Path) -> None:
+    rig, points = assembly_rig(20220302), np.random.default_rng(0).uniform(0, 300, (200, 3))
+    write_ego_calibration(tmp_path / "a.json", {RECORDING: _ego(2)})
+    write_assembly101_calibration(tmp_path / "c.json", [*rig.exo.values(), *rig.ego.values()])
+    calibration = load_assembly101_calibration(tmp_path / "c.json")
+    read = read_ego_calibration(tmp_path / "a.json")[RECORDING]
+    expected = rig.ego_at(_heads(2)[1])
+    assert list(read.raw_at(2, calibration)) == list(expected)
+    for name, camera in read.raw_at(2, calibration).items():
+        assert camera.camera_id == name
+        assert np.isfinite(expected[name].project(points)).all()
+        assert np.abs(camera.project(points) - expected[name].project(points)).max() < 1e-9
+    with pytest.raises(ValueError, match="has no camera 21110305_mono10bit"):
+        read.raw_at(2, {name: camera for name, camera in calibration.items() if name != "21110305_mono10bit"})
 
 
 @pytest.mark.parametrize(

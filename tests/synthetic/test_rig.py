@@ -1,5 +1,6 @@
 """The studio's rigs: magnitudes of the real ones, a calibration of their own every day, hands in every view."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -79,7 +80,7 @@ def test_both_headsets_are_worn() -> None:
 
 
 @pytest.mark.parametrize("make", [assembly_rig, desktop_rig])
-def test_a_day_has_one_calibration_and_another_day_another(make: type[Rig]) -> None:
+def test_a_day_has_one_calibration_and_another_day_another(make: Callable[[int], Rig]) -> None:
     first, again, other = make(20220302), make(20220302), make(20220303)
     for name, camera in first.exo.items():
         assert camera.T_camera_from_world.tobytes() == again.exo[name].T_camera_from_world.tobytes()
