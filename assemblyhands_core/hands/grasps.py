@@ -19,8 +19,8 @@ _ANGLES_DEG: Final[dict[Grasp, tuple[tuple[float, float, float, float], ...]]] =
     "flat": ((-8, -5, 0, 0), (-4, 0, 2, 1), (0, 0, 2, 1), (3, 0, 2, 1), (8, 0, 2, 1)),
     "open": ((12, -15, -5, -5), (8, -5, 5, 2), (1, -3, 5, 2), (-5, -3, 6, 2), (-10, -4, 6, 2)),
     "relaxed": ((0, 6, 12, 14), (2, 20, 28, 12), (0, 25, 33, 15), (0, 28, 36, 16), (-2, 28, 36, 16)),
-    "power": ((27, 0, 50, 46), (2, 59, 64, 28), (-1, 68, 65, 28), (0, 66, 69, 33), (-2, 56, 73, 30)),
-    "fist": ((23, 24, 41, 52), (-3, 80, 100, 60), (-2, 79, 96, 62), (0, 86, 102, 62), (4, 88, 100, 62)),
+    "power": ((28, -6, 46, 42), (0, 57, 60, 27), (-1, 65, 64, 28), (0, 66, 67, 32), (-2, 58, 71, 30)),
+    "fist": ((23, 24, 41, 50), (-3, 78, 94, 52), (-2, 78, 96, 58), (0, 83, 98, 56), (4, 83, 92, 52)),
     "pinch": ((2, 21, 10, 11), (-6, 41, 46, 20), (0, 22, 30, 14), (-2, 18, 28, 12), (-6, 15, 26, 12)),
     "tripod": ((9, 31, 5, 4), (-6, 45, 39, 19), (-1, 55, 43, 10), (2, 60, 66, 35), (2, 64, 68, 38)),
     "screwdriver": ((11, 16, 10, 14), (-5, 42, 36, 14), (0, 64, 60, 32), (0, 70, 68, 36), (0, 74, 70, 38)),
@@ -33,7 +33,9 @@ def grasp_angles_rad(grasp: Grasp) -> Float64[np.ndarray, "20"]:
 
 
 def blended_grasps_rad(
-    start: Float[np.ndarray, "*batch 20"], end: Float[np.ndarray, "*batch 20"], share: Float[np.ndarray, "*batch"]
-) -> Float[np.ndarray, "*batch 20"]:
+    start: Float[np.ndarray, "*#batch 20"],
+    end: Float[np.ndarray, "*#batch 20"],
+    share: float | Float[np.ndarray, "*#batch"],
+) -> Float[np.ndarray, "... 20"]:
     """Return angles part of the way from one grasp to another (share 0: start, 1: end), within the limits."""
-    return clamp_to_limits(start + share[..., None] * (end - start))
+    return clamp_to_limits(start + np.asarray(share)[..., None] * (end - start))

@@ -25,7 +25,6 @@ _PALM_CREASES_MM: Final = (
     ((36, 66), (22, 68), (8, 74), (-8, 86)),  # heart line
     ((-31, 70), (-14, 64), (6, 56), (26, 42)),  # head line
     ((-31, 72), (-20, 66), (-9, 52), (-4, 38), (-4, 20)),  # life line
-    ((-24, -2), (0, -4), (22, -2)),  # wrist
 )
 _CREASE_WIDTH_MM: Final = 1.7
 
@@ -58,8 +57,7 @@ class SkinTone:
 
 def skin_marks(vertices_mm: Float64[np.ndarray, "vertex 3"], normals: Float64[np.ndarray, "vertex 3"]) -> SkinMarks:
     """Find palm, joints, creases and nails on the template's skin, given its outward normals."""
-    facing = np.where(vertices_mm[:, 1] > -12.0, normals[:, 2], 0.2)
-    palm = smooth_step(-facing, -0.25, 0.45)
+    palm = smooth_step(-normals[:, 2], -0.25, 0.45) * smooth_step(vertices_mm[:, 1], -25.0, 5.0)
     flush, crease = np.zeros(len(vertices_mm)), _palm_creases(vertices_mm) * palm
     nail, lunula = np.zeros(len(vertices_mm)), np.zeros(len(vertices_mm))
     shares, frames = finger_shares(vertices_mm), template_frames()
@@ -78,14 +76,14 @@ def skin_albedo(
     """Return the linear RGB albedo of every vertex, 0 to 1."""
     back = _tone(tone.darkness)
     # Palms hold little melanin: those of dark hands are much paler than the back.
-    palm = 0.35 * back + 0.65 * _tone(0.62 * tone.darkness) * (1.04, 0.94, 0.90)
+    palm = 0.35 * back + 0.65 * _tone(0.52 * tone.darkness) * (1.04, 0.94, 0.90)
     colour = back + marks.palm[:, None] * (palm - back)
     blood = tone.redness * marks.flush[:, None] * np.array([0.04, 0.26, 0.24])
     colour = colour * (1.0 - blood) * (1.0 + 0.05 * _mottle(vertices_mm, tone.mottle_seed)[:, None])
     colour = colour * (1.0 - marks.crease[:, None] * np.array([0.30, 0.42, 0.44]))
-    plate = 0.55 * _tone(0.55 * tone.darkness) * (1.05, 0.86, 0.86) + 0.45 * np.array([0.72, 0.48, 0.43])
+    plate = 0.72 * _tone(0.72 * tone.darkness) * (1.05, 0.84, 0.84) + 0.28 * np.array([0.80, 0.55, 0.50])
     colour = colour + marks.nail[:, None] * (plate - colour)
-    colour = colour + marks.lunula[:, None] * 0.5 * (np.array([0.80, 0.68, 0.62]) - colour)
+    colour = colour + marks.lunula[:, None] * 0.3 * (np.array([0.80, 0.68, 0.62]) - colour)
     return np.asarray(np.clip(colour, 0.0, 1.0))
 
 

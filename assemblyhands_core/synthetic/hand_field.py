@@ -1,7 +1,7 @@
 """The flesh of the average hand as one smooth implicit surface: a blended union of tapered capsules around the bones.
 
 All lengths in mm, in the bone frames of `hands.kinematics`. Radii follow breadths and depths of adult fingers and palms
-(ANSUR II and Garrett 1971: index finger 18-21 mm broad at the PIP joint, 16-18 mm at the DIP joint, palm 76-92 mm broad
+(ANSUR II and Garrett 1971: index finger 18-21 mm broad at the PIP joint, 16-19 mm at the DIP joint, palm 76-92 mm broad
 and 27-31 mm deep, wrist 52-62 mm broad and 36-42 mm deep), less what the blending adds.
 """
 
@@ -16,9 +16,9 @@ from assemblyhands_core.hands.kinematics import HandPose, HandSkeleton, finger_f
 BLEND_MM: Final = 2.2
 """Width of the transition between capsules: large enough for no seam, small enough to keep fingers apart."""
 
+# A capsule is felt up to this distance; where none is, the field is constant at it.
 _REACH_MM: Final = 14.0
 _NOTHING: Final = float(np.exp(-_REACH_MM / BLEND_MM))
-# Where no capsule is near, the field is constant at about the distance up to which capsules are evaluated.
 
 WRIST_FRAME: Final = (0, 0)
 """Finger and slot of `finger_frames` whose frame is the wrist's own."""
@@ -29,11 +29,11 @@ TEMPLATE_ANGLES_RAD: Final[Float64[np.ndarray, "20"]] = np.deg2rad(_TEMPLATE_ANG
 
 # Radii at base, middle and distal joint and at the tip.
 _FINGER_RADII_MM: Final = (
-    (12.8, 10.9, 10.0, 8.4),
-    (9.9, 9.0, 7.9, 6.8),
-    (10.2, 9.2, 8.1, 7.0),
-    (9.6, 8.6, 7.6, 6.6),
-    (8.6, 7.6, 6.8, 5.9),
+    (12.6, 10.4, 9.2, 7.6),
+    (9.6, 8.3, 6.9, 6.0),
+    (9.9, 8.5, 7.1, 6.2),
+    (9.3, 7.9, 6.6, 5.8),
+    (8.3, 6.9, 5.9, 5.1),
 )
 
 
@@ -128,18 +128,18 @@ def _finger(finger: int) -> list[Capsule]:
         length, base, end, mean = lengths[bone], radii[bone], radii[bone + 1], 0.5 * (radii[bone] + radii[bone + 1])
         flesh.append(Capsule(finger, slot, (0, 0, 0), (0, length, 0), 0.92 * base, 0.92 * end, 1.03, 0.97))
         if bone > 0:
-            flesh.append(Capsule(finger, slot, (0, -2, 1.4), (0, 2, 1.4), 0.70 * base, 0.70 * base, 1.1))
+            head = 0.66 * base
+            flesh.append(Capsule(finger, slot, (0, -2, 1.4), (0, 2, 1.4), head, head, 1.1))
+        if bone < 2:
+            flesh.append(Capsule(finger, slot, (0, 0.3 * length, 0), (0, 0.7 * length, 0), 0.86 * mean, 0.86 * mean))
         if bone == 2:
+            low = -0.2 * mean
             flesh.append(
-                Capsule(
-                    finger, slot, (0, 0.4 * length, -0.2 * mean), (0, length, -0.2 * end), 0.78 * mean, 0.78 * end, 1.12
-                )
+                Capsule(finger, slot, (0, 0.35 * length, low), (0, length, low), 0.84 * mean, 0.84 * end, 1.12)
             )
         elif finger > 0 or bone > 0:
-            low = -0.36 * mean
-            flesh.append(
-                Capsule(finger, slot, (0, 0.30 * length, low), (0, 0.72 * length, low), 0.74 * mean, 0.74 * mean, 1.1)
-            )
+            low, pad = -0.36 * mean, 0.76 * mean
+            flesh.append(Capsule(finger, slot, (0, 0.28 * length, low), (0, 0.74 * length, low), pad, pad, 1.1))
     return flesh
 
 
@@ -158,8 +158,8 @@ def _palm() -> list[Capsule]:
     for finger in (1, 2, 3):
         x, y, z = (0.5 * (bases[finger] + bases[finger + 1])).tolist()
         flesh.append(Capsule(finger, 0, (0.55 * x, 20, -2), (x, y - 4, z - 2), 9.0, 7.5, 1.1))
-    flesh.append(Capsule(4, 0, (19, 12, -10), (33, 60, -10), 12.5, 9.0))
-    flesh.append(Capsule(4, 0, (25, 22, -6), (36, 68, -6), 10.0, 8.0))
+    flesh.append(Capsule(4, 0, (19, 14, -11), (33, 62, -11), 13.0, 9.5))
+    flesh.append(Capsule(4, 0, (27, 26, -7), (37, 68, -7), 10.5, 8.5))
     return flesh
 
 

@@ -10,11 +10,13 @@ from assemblyhands_core.hands.kinematics import AVERAGE_HAND_LENGTH_MM, HandSkel
 from assemblyhands_core.synthetic.hand_colour import SkinTone
 
 # Hand length of adults, women and men together: mean and spread of ANSUR II, kept within its 1st to 99th percentile.
-_LENGTH_SPREAD_MM: Final = 11.0
-_LENGTH_RANGE_MM: Final = (164.0, 210.0)
+_LENGTH_SPREAD_MM: Final = 10.0
+_LENGTH_RANGE_MM: Final = (166.0, 208.0)
 _PROPORTION_SPREAD: Final = 0.025
-_GIRTH_SPREAD: Final = 0.06
-_GIRTH_RANGE: Final = (0.86, 1.15)
+# Longer hands are a little more slender: thickness grows with this power of the length.
+_GIRTH_POWER: Final = 0.8
+_GIRTH_SPREAD: Final = 0.05
+_GIRTH_RANGE: Final = (0.88, 1.12)
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +42,7 @@ class HandShape:
         length = np.clip(generator.normal(AVERAGE_HAND_LENGTH_MM, _LENGTH_SPREAD_MM), *_LENGTH_RANGE_MM)
         size = float(length) / AVERAGE_HAND_LENGTH_MM
         # A slender or a sturdy hand is so as a whole; single bones deviate less.
-        girth = size * float(np.clip(generator.normal(1.0, _GIRTH_SPREAD), *_GIRTH_RANGE))
+        girth = size**_GIRTH_POWER * float(np.clip(generator.normal(1.0, _GIRTH_SPREAD), *_GIRTH_RANGE))
         finger_to_palm = generator.normal(1.0, _PROPORTION_SPREAD)
         bones = 1.0 + _PROPORTION_SPREAD * np.clip(generator.normal(size=(5, 3)), -2.0, 2.0)
         palm_scale = np.array([0.5 * (size + girth), size / finger_to_palm, girth])

@@ -6,15 +6,15 @@ from typing import Final
 
 import numpy as np
 from jaxtyping import Float64, Int32
-from skimage.measure import marching_cubes
 
 from assemblyhands_core.synthetic.hand_colour import SkinMarks, skin_marks
 from assemblyhands_core.synthetic.hand_field import Capsule, capsules, field_mm, sampled_field_mm
 from assemblyhands_core.synthetic.hand_weights import skin_weights
 
-# Grid steps: coarse over forearm and palm, fine where nails and creases are.
-_COARSE_MM: Final = 4.6
-_FINE_MM: Final = 3.2
+# Grid steps: coarse along forearm and palm, fine along the fingers, where nails and creases are; and across.
+_COARSE_MM: Final = 5.5
+_FINE_MM: Final = 3.6
+_ACROSS_MM: Final = 4.0
 _RELAXATIONS: Final = 8
 _WEIGHT_SMOOTHINGS: Final = 4
 
@@ -39,6 +39,8 @@ class HandTemplate:
 @lru_cache(maxsize=1)
 def hand_template() -> HandTemplate:
     """Mesh the skin; every edge lies in exactly two faces."""
+    from skimage.measure import marching_cubes  # slow to import, and needed once
+
     axes, flesh = _grid_axes_mm(), capsules()
     corners, faces, _, _ = marching_cubes(sampled_field_mm(axes, flesh), 0.0)
     vertices = np.stack([np.interp(corners[:, i], np.arange(len(axis)), axis) for i, axis in enumerate(axes)], axis=-1)
@@ -81,7 +83,7 @@ def _grid_axes_mm() -> tuple[
     Float64[np.ndarray, " width"], Float64[np.ndarray, " height"], Float64[np.ndarray, " depth"]
 ]:
     along = np.concatenate([np.arange(-80.0, 48.0, _COARSE_MM), np.arange(48.0, 200.0, _FINE_MM)])
-    return np.arange(-105.0, 80.0, 3.4), along, np.arange(-75.0, 36.0, 3.4)
+    return np.arange(-105.0, 80.0, _ACROSS_MM), along, np.arange(-75.0, 36.0, _ACROSS_MM)
 
 
 def _spread(
