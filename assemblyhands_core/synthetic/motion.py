@@ -6,7 +6,7 @@ and with a peak speed of 15/8 of the mean. A `PartKey` says what carries a part 
 """
 
 from bisect import bisect_right
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final, TypeVar
 
@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from assemblyhands_core.geometry import transforms
+from assemblyhands_core.hands.joints import HANDS, Hand
 
 PEAK_OVER_MEAN_SPEED: Final = 15 / 8
 """Of a minimum-jerk movement."""
@@ -62,6 +63,7 @@ class PartKey:
     T_carrier_from_part: Float64[np.ndarray, "4 4"]
 
 
+_Angles = Float64[np.ndarray, "20"]
 _Key = TypeVar("_Key", HandKey, PartKey)
 
 
@@ -133,6 +135,48 @@ class PartTrack:
         if before.carrier != after.carrier or share == 0.0:
             return before.carrier, before.T_carrier_from_part
         return before.carrier, interpolated(before.T_carrier_from_part, after.T_carrier_from_part, share)
+
+
+@dataclass(frozen=True, eq=False)
+class Tracks:
+    """The ways of both hands and all parts.
+
+    Attributes:
+        hands: A hand's keys may be given in the frame of a part that this hand does not carry.
+        parts: By name.
+    """
+
+    hands: Mapping[Hand, HandTrack]
+    parts: Mapping[str, PartTrack]
+
+    def at(self, t_s: float) -> "Instant":
+        """Return all that can be asked about an instant."""
+        return Instant(self, t_s)
+
+
+class Instant:
+    """Where everything is at one instant; works out only what is asked for."""
+
+    def __init__(self, tracks: Tracks, t_s: float) -> None:
+        self._tracks, self._t_s = tracks, t_s
+        self._frames: dict[str, Float64[np.ndarray, "4 4"]] = {WORLD: np.eye(4)}
+        self._angles_rad: dict[str, _Angles] = {}
+
+    def T_world_from(self, frame: str) -> Float64[np.ndarray, "4 4"]:
+        """Return the pose of the world, a hand's wrist or a part, mm."""
+        if frame not in self._frames:
+            if frame in HANDS:
+                track = self._tracks.hands["right" if frame == "right" else "left"]
+                self._frames[frame], self._angles_rad[frame] = track.at(self._t_s, self.T_world_from)
+            else:
+                carrier, T_carrier_from_part = self._tracks.parts[frame].at(self._t_s)
+                self._frames[frame] = self.T_world_from(carrier) @ T_carrier_from_part
+        return self._frames[frame]
+
+    def angles_rad(self, hand: Hand) -> Float64[np.ndarray, "20"]:
+        """Return how the fingers of a hand are bent."""
+        self.T_world_from(hand)
+        return self._angles_rad[hand]
 
 
 def minimum_jerk(share: float) -> float:
