@@ -1,0 +1,123 @@
+"""What every pixel of a camera sees of a mesh of small faces.
+
+Each pixel's ray, through the true lens, is met with the faces whose image lies around that pixel. The test of ray and
+face is exact; only which faces to test comes from where the lens images their corners. For the thousands of small
+faces of hands this is many times faster than to look for each ray's face in a tree.
+"""
+
+import numpy as np
+from jaxtyping import Float32, Float64, Int32
+
+from assemblyhands_core.geometry.cameras import Camera
+from assemblyhands_core.synthetic.compiled import compiled
+from assemblyhands_core.synthetic.lens_rays import LensRays
+from assemblyhands_core.synthetic.surfaces import MISS, Hits, Surfaces
+
+_BOW = 1 / 16  # how far the image of a long edge may bow between its ends under distortion, as a share of its length
+
+
+def cast_at(
+    camera: Camera, lens: LensRays, surfaces: Surfaces, distances_mm: Float32[np.ndarray, "height width"]
+) -> tuple[Int32[np.ndarray, " pixel"], Hits]:
+    """Find the pixels that see a mesh nearer than what they have seen so far, from outside.
+
+    Args:
+        camera: At its pose.
+        lens: Its rays.
+        surfaces: The mesh.
+        distances_mm: Of what pixels have seen so far, along their rays; updated.
+
+    Returns:
+        Flat indices of the pixels, ascending, and what they hit.
+    """
+    vertices = camera.to_camera(surfaces.vertices_mm.astype(np.float64))
+    faces = np.full(distances_mm.shape, MISS, dtype=np.int32)
+    images = camera.project_camera(vertices)
+    top, bottom = _meet(vertices, images, surfaces.faces, lens.rays, distances_mm, faces)
+    seen = np.flatnonzero(faces[top:bottom] != MISS)
+    pixels = (seen + top * camera.width_px).astype(np.int32)
+    hit = faces.ravel()[pixels]
+    weights = _weights(vertices, surfaces.faces, lens.rays.reshape(-1, 3), pixels, hit)
+    return pixels, Hits(hit, weights, distances_mm.ravel()[pixels])
+
+
+@compiled
+def _meet(
+    vertices: Float64[np.ndarray, "vertex 3"],
+    images: Float64[np.ndarray, "vertex 2"],
+    faces: Int32[np.ndarray, "face 3"],
+    rays: Float32[np.ndarray, "height width 3"],
+    distances: Float32[np.ndarray, "height width"],
+    seen: Int32[np.ndarray, "height width"],
+) -> tuple[int, int]:
+    """Keep the nearest face of every pixel; return the rows between which there are any.
+
+    A ray d from the camera's centre meets the face a b c inside if d·(b×c), d·(c×a) and d·(a×b) have the sign of
+    det(a b c), negative for a face seen from outside. These are equal, up to the sign, for both faces at an edge, so
+    no ray slips through between them. The distance is det(a b c) / d·n with the normal n = (b-a)×(c-a).
+    """
+    height, width = distances.shape
+    first_row, last_row = height, -1
+    for face in range(len(faces)):
+        p, q, r = faces[face, 0], faces[face, 1], faces[face, 2]
+        ax, ay, az = vertices[p, 0], vertices[p, 1], vertices[p, 2]
+        bx, by, bz = vertices[q, 0], vertices[q, 1], vertices[q, 2]
+        cx, cy, cz = vertices[r, 0], vertices[r, 1], vertices[r, 2]
+        ux, uy, uz = by * cz - bz * cy, bz * cx - bx * cz, bx * cy - by * cx
+        volume = ax * ux + ay * uy + az * uz
+        if not volume < 0:
+            continue
+        left, top, right, bottom, missing = np.inf, np.inf, -np.inf, -np.inf, 0
+        for corner in range(3):
+            x, y = images[faces[face, corner], 0], images[faces[face, corner], 1]
+            if np.isnan(x):  # out of the field: somewhere on that side of the picture
+                missing += 1
+                x = np.inf if vertices[faces[face, corner], 0] > 0 else -np.inf
+                y = np.inf if vertices[faces[face, corner], 1] > 0 else -np.inf
+            left, right, top, bottom = min(left, x), max(right, x), min(top, y), max(bottom, y)
+        if missing == 3:
+            continue
+        margin = 1.0 if missing else 1.0 + (right - left + bottom - top) * _BOW
+        x0, x1 = int(max(left - margin, 0.0)), int(min(right + margin, width - 1.0))
+        y0, y1 = int(max(top - margin, 0.0)), int(min(bottom + margin, height - 1.0))
+        if x1 < x0 or y1 < y0:
+            continue
+        first_row, last_row = min(first_row, y0), max(last_row, y1)
+        vx, vy, vz = cy * az - cz * ay, cz * ax - cx * az, cx * ay - cy * ax
+        wx, wy, wz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+        nx = (by - ay) * (cz - az) - (bz - az) * (cy - ay)
+        ny = (bz - az) * (cx - ax) - (bx - ax) * (cz - az)
+        nz = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
+        for y in range(y0, y1 + 1):
+            for x in range(x0, x1 + 1):
+                dx, dy, dz = rays[y, x, 0], rays[y, x, 1], rays[y, x, 2]
+                if dx * ux + dy * uy + dz * uz > 0 or dx * vx + dy * vy + dz * vz > 0:
+                    continue
+                slope = dx * nx + dy * ny + dz * nz
+                if dx * wx + dy * wy + dz * wz <= 0 and slope < 0 and volume / slope < distances[y, x]:
+                    distances[y, x] = volume / slope
+                    seen[y, x] = face
+    return first_row, last_row + 1
+
+
+@compiled
+def _weights(
+    vertices: Float64[np.ndarray, "vertex 3"],
+    faces: Int32[np.ndarray, "face 3"],
+    rays: Float32[np.ndarray, "pixel 3"],
+    pixels: Int32[np.ndarray, " hit"],
+    hit: Int32[np.ndarray, " hit"],
+) -> Float32[np.ndarray, "hit 2"]:
+    """Return the barycentric weights of the second and third corner."""
+    weights = np.empty((len(pixels), 2), np.float32)
+    for i in range(len(pixels)):
+        p, q, r = faces[hit[i], 0], faces[hit[i], 1], faces[hit[i], 2]
+        ax, ay, az = vertices[p, 0], vertices[p, 1], vertices[p, 2]
+        bx, by, bz = vertices[q, 0], vertices[q, 1], vertices[q, 2]
+        cx, cy, cz = vertices[r, 0], vertices[r, 1], vertices[r, 2]
+        dx, dy, dz = rays[pixels[i], 0], rays[pixels[i], 1], rays[pixels[i], 2]
+        u = dx * (by * cz - bz * cy) + dy * (bz * cx - bx * cz) + dz * (bx * cy - by * cx)
+        v = dx * (cy * az - cz * ay) + dy * (cz * ax - cx * az) + dz * (cx * ay - cy * ax)
+        w = dx * (ay * bz - az * by) + dy * (az * bx - ax * bz) + dz * (ax * by - ay * bx)
+        weights[i, 0], weights[i, 1] = v / (u + v + w), w / (u + v + w)
+    return weights

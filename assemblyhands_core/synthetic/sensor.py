@@ -1,0 +1,156 @@
+"""From light to pixel values: what lens, sensor and camera make of a linear picture."""
+
+import zlib
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from jaxtyping import Float32, Int16, Int32, Int64, UInt8, UInt16
+
+from assemblyhands_core.geometry.cameras import Camera
+from assemblyhands_core.synthetic.compiled import compiled
+
+WHITE = 16384
+"""Linear pictures are 16-bit numbers in which a fully lit white surface is this: highlights go up to 4 times more."""
+
+_FINE = 64  # steps of encoded pictures per grey level
+_NOISE_SAMPLES = 1 << 18
+_LUMINANCE = np.array([0.30, 0.55, 0.15], dtype=np.float32)  # what a bare silicon sensor behind a lens makes of RGB
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """How a camera turns light into numbers.
+
+    Attributes:
+        is_mono: One grey channel rather than RGB.
+        gain: Exposure.
+        white_balance: Factors on red, green and blue.
+        gamma: Of the encoding.
+        noise: Standard deviation in grey levels; after the encoding it is nearly the same in lights and shadows.
+        blur: Share of each neighbour in a pixel's value, along x and y: the sharpness of the lens.
+        vignetting: Loss of light where the lens looks 45° off its axis.
+    """
+
+    is_mono: bool = False
+    gain: float = 1.0
+    white_balance: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    gamma: float = 2.2
+    noise: float = 2.0
+    blur: float = 0.12
+    vignetting: float = 0.25
+
+    @staticmethod
+    def from_seed(seed: int, camera_id: str, is_mono: bool = False) -> "Sensor":
+        """Draw a camera's own gain, white balance, gamma and noise."""
+        generator = np.random.default_rng([seed, zlib.crc32(camera_id.encode()), 1])
+        red, blue = np.exp(generator.normal(0, 0.035, 2)).tolist()
+        return Sensor(
+            is_mono=is_mono,
+            gain=float(np.exp(generator.normal(0, 0.10))),
+            white_balance=(red, 1.0, blue),
+            gamma=float(generator.uniform(2.0, 2.4)),
+            noise=float(generator.uniform(2.5, 4.0) if is_mono else generator.uniform(1.2, 2.2)),
+            blur=float(generator.uniform(0.08, 0.15)),
+            vignetting=float(generator.uniform(0.15, 0.35)),
+        )
+
+    @property
+    def num_channels(self) -> int:
+        """1 or 3."""
+        return 1 if self.is_mono else 3
+
+    def encode(
+        self,
+        linear: UInt16[np.ndarray, "height width 3"],
+        pixels: Int32[np.ndarray, " pixel"],
+        encoded: UInt16[np.ndarray, "height width channel"],
+        camera: Camera,
+    ) -> None:
+        """Write what the camera makes of some pixels of a linear picture, without noise, into `encoded`."""
+        optics = np.array([camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px], dtype=np.float32)
+        _encode(linear, pixels, self.blur, self.vignetting, optics, _curves(self), self.is_mono, encoded)
+
+    def expose(
+        self, encoded: UInt16[np.ndarray, "height width channel"], camera_id: str, seed: int, frame: int
+    ) -> UInt8[np.ndarray, "height width channel"]:
+        """Add the noise of one frame and round."""
+        generator = np.random.default_rng([seed, zlib.crc32(camera_id.encode()), 2, frame])
+        starts = generator.integers(0, _NOISE_SAMPLES, len(encoded), dtype=np.int64)
+        return _expose(encoded, starts, _noise(self.noise, encoded.shape[1] * encoded.shape[2]))
+
+
+def quantised(linear: Float32[np.ndarray, "*batch"]) -> UInt16[np.ndarray, "*batch"]:
+    """Return linear light as the 16-bit numbers of linear pictures."""
+    return np.asarray(np.minimum(linear * np.float32(WHITE) + np.float32(0.5), np.float32(65535)).astype(np.uint16))
+
+
+@lru_cache(64)
+def _curves(sensor: Sensor) -> UInt16[np.ndarray, "3 65536"]:
+    """Return the encoding of linear values: gain and balance, a soft shoulder for highlights, gamma."""
+    light = np.arange(65536) / WHITE * sensor.gain
+    gains = np.array((1.0, 1.0, 1.0) if sensor.is_mono else sensor.white_balance)
+    exposed = light[None] * gains[:, None]
+    shoulder = np.where(exposed < 0.6, exposed, 0.6 + 0.4 * np.tanh((exposed - 0.6) / 0.4))
+    return np.asarray(np.rint(255 * _FINE * shoulder ** (1 / sensor.gamma)), dtype=np.uint16)
+
+
+@lru_cache(64)
+def _noise(deviation: float, row_length: int) -> Int16[np.ndarray, " sample"]:
+    """Return noise for rows that start anywhere in it; always the same, as the starts are drawn for every frame."""
+    samples = np.random.default_rng(0).normal(0, deviation * _FINE, _NOISE_SAMPLES)
+    repeats = 1 + -(-row_length // _NOISE_SAMPLES)
+    row = np.tile(np.rint(samples).astype(np.int16), repeats + 1)
+    return np.asarray(row[: _NOISE_SAMPLES + row_length])
+
+
+@compiled
+def _encode(
+    linear: UInt16[np.ndarray, "height width 3"],
+    pixels: Int32[np.ndarray, " pixel"],
+    blur: float,
+    vignetting: float,
+    optics: Float32[np.ndarray, "4"],
+    curves: UInt16[np.ndarray, "3 65536"],
+    is_mono: bool,
+    encoded: UInt16[np.ndarray, "height width channel"],
+) -> None:
+    height, width, _ = linear.shape
+    side = np.float32(blur)
+    middle = np.float32(1 - 2 * blur)
+    values = np.empty(3, np.float32)
+    for i in range(len(pixels)):
+        row, column = pixels[i] // width, pixels[i] % width
+        up, down = max(row - 1, 0), min(row + 1, height - 1)
+        left, right = max(column - 1, 0), min(column + 1, width - 1)
+        x, y = (column - optics[2]) / optics[0], (row - optics[3]) / optics[1]
+        light = np.float32(1) / (np.float32(1) + np.float32(vignetting) * (x * x + y * y))
+        for k in range(3):
+            above = side * (linear[up, left, k] + linear[up, right, k]) + middle * linear[up, column, k]
+            own = side * (linear[row, left, k] + linear[row, right, k]) + middle * linear[row, column, k]
+            below = side * (linear[down, left, k] + linear[down, right, k]) + middle * linear[down, column, k]
+            values[k] = (side * (above + below) + middle * own) * light
+        if is_mono:
+            value = _LUMINANCE[0] * values[0] + _LUMINANCE[1] * values[1] + _LUMINANCE[2] * values[2]
+            encoded[row, column, 0] = curves[0, min(int(value + np.float32(0.5)), 65535)]
+        else:
+            for k in range(3):
+                encoded[row, column, k] = curves[k, min(int(values[k] + np.float32(0.5)), 65535)]
+
+
+@compiled
+def _expose(
+    encoded: UInt16[np.ndarray, "height width channel"],
+    starts: Int64[np.ndarray, " height"],
+    noise: Int16[np.ndarray, " sample"],
+) -> UInt8[np.ndarray, "height width channel"]:
+    height, width, channels = encoded.shape
+    image = np.empty((height, width, channels), np.uint8)
+    half = _FINE // 2
+    for row in range(height):
+        values, out = encoded[row].reshape(-1), image[row].reshape(-1)
+        part = noise[starts[row] : starts[row] + width * channels]
+        for i in range(width * channels):
+            value = np.int32(values[i]) + np.int32(part[i]) + np.int32(half)
+            out[i] = min(max(value, np.int32(0)) // _FINE, np.int32(255))
+    return image
