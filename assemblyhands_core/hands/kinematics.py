@@ -30,23 +30,23 @@ ANGLE_NAMES: Final = tuple(f"{finger}_{freedom}" for finger in FINGERS for freed
 
 MIRROR: Final[Float64[np.ndarray, "4 4"]] = np.diag([-1.0, 1.0, 1.0, 1.0])
 
-# Active ranges of clinical goniometry (American Academy of Orthopaedic Surgeons), rounded: MCP 20° of hyperextension to
-# 90°, PIP 0 to 110°, DIP 0 to 80°, ±20° sideways. Thumb: Cooney et al. 1981 measured 53° of flexion and 42° of
-# abduction in the carpometacarpal joint, here around the resting thumb; MCP and IP may overextend a little.
+# Active ranges of clinical goniometry, on which handbooks differ by 10°: MCP 20° of hyperextension to 90°, PIP 0 to
+# 110°, DIP 0 to 80°, ±20° sideways. Thumb: Cooney et al. 1981 measured 53° of flexion and 42° of abduction in the
+# carpometacarpal joint, here around the resting thumb; MCP and IP may overextend a little.
 _FINGER_LIMITS_DEG: Final = ((-20.0, 20.0), (-20.0, 90.0), (0.0, 110.0), (0.0, 80.0))
 _THUMB_LIMITS_DEG: Final = ((-15.0, 30.0), (-20.0, 35.0), (-10.0, 60.0), (-15.0, 80.0))
 JOINT_LIMITS_RAD: Final[Float64[np.ndarray, "20 2"]] = np.deg2rad([*_THUMB_LIMITS_DEG, *(_FINGER_LIMITS_DEG * 4)])
 JOINT_LIMITS_RAD.flags.writeable = False
 
-# Mean adult lengths in mm, base to tip (Buryanov & Kotiuk 2010, radiographs), of a hand of this length; the carpus
-# that they leave out is part of the positions of the base joints.
+# Mean adult lengths in mm, base to tip, without the pulp of the tip (Buryanov & Kotiuk 2010, radiographs of 66 adults),
+# taken for a hand of this length; the carpus is part of the positions of the base joints.
 AVERAGE_HAND_LENGTH_MM: Final = 188.0
 _PHALANGES_MM: Final = (
-    (46.2, 31.6, 22.5),
-    (39.8, 22.4, 16.3),
+    (46.2, 31.6, 21.7),
+    (39.8, 22.4, 15.8),
     (44.6, 26.3, 17.4),
     (41.4, 25.7, 17.3),
-    (32.7, 18.1, 15.9),
+    (32.7, 18.1, 16.0),
 )
 _BASES_MM: Final = ((-23.0, 24.0, -10.0), (-24.0, 91.0, -1.0), (-2.0, 93.0, 2.0), (18.0, 86.0, 0.0), (35.0, 77.0, -5.0))
 # Splay of the straight fingers, and the roll that makes bent fingers point at the scaphoid (the transverse arch).

@@ -1,8 +1,8 @@
 """The flesh of the average hand as one smooth implicit surface: a blended union of tapered capsules around the bones.
 
-All lengths in mm, in the bone frames of `hands.kinematics`. Radii follow breadths and depths of adult fingers and palms
-(ANSUR II and Garrett 1971: index finger 18-21 mm broad at the PIP joint, 16-19 mm at the DIP joint, palm 76-92 mm broad
-and 27-31 mm deep, wrist 52-62 mm broad and 36-42 mm deep), less what the blending adds.
+All lengths in mm, in the bone frames of `hands.kinematics`. Radii are chosen for the breadths usual in surveys of adult
+hands (index finger 18-21 mm at the PIP joint, 16-19 mm at the DIP joint; palm 75-95 mm broad and 25-32 mm deep; wrist
+52-62 mm broad and 35-42 mm deep), less what the blending adds.
 """
 
 from dataclasses import dataclass

@@ -9,7 +9,7 @@ from jaxtyping import Float64
 from assemblyhands_core.hands.kinematics import AVERAGE_HAND_LENGTH_MM, HandSkeleton
 from assemblyhands_core.synthetic.hand_colour import SkinTone
 
-# Hand length of adults, women and men together: mean and spread of ANSUR II, kept within its 1st to 99th percentile.
+# Hand length of adults, women and men together: surveys find 165-185 mm in most women and 180-205 mm in most men.
 _LENGTH_SPREAD_MM: Final = 10.0
 _LENGTH_RANGE_MM: Final = (166.0, 208.0)
 _PROPORTION_SPREAD: Final = 0.025
