@@ -13,7 +13,8 @@ from pipeline.config import UserError
 # OpenCV and BLAS would each start a thread per core in every worker.
 _THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OPENCV_FOR_THREADS_NUM")
 _MAX_STARTS = 3
-_MAX_LIVES = 12  # of each worker without anything done: a shard that kills its worker is given up after the fourth
+_MAX_LOST = 1  # workers that a task may lose before it is suspected of killing them
+_MAX_LIVES = 6  # of each worker without anything done
 
 
 @dataclass
@@ -22,11 +23,12 @@ class LocalWorkers:
 
     Attributes:
         client: Dask's client of them.
+        num_workers: how many there are; each runs one task at a time.
     """
 
     client: Any
+    num_workers: int
     _nannies: Callable[[], Iterable[Any]]
-    _max_lives: int
     _seen_pids: set[int] = field(default_factory=set)
 
     def note_progress(self) -> None:
@@ -40,7 +42,7 @@ class LocalWorkers:
             UserError: if workers have died again and again since anything was done.
         """
         self._seen_pids.update(nanny.pid for nanny in self._nannies() if nanny.pid)
-        if len(self._seen_pids) > self._max_lives:
+        if len(self._seen_pids) > _MAX_LIVES * self.num_workers:
             raise UserError(
                 f"worker processes have died {len(self._seen_pids)} times and got nothing done; raise "
                 "executor.memory_limit or lower executor.num_workers, or see why with executor=serial"
@@ -60,11 +62,11 @@ def local_workers(num_workers: int, num_threads: int, memory_limit: str) -> Iter
     settings = {
         "distributed.nanny.pre-spawn-environ": dict.fromkeys(_THREAD_VARIABLES, str(num_threads)),
         "distributed.worker.daemon": True,
-        "distributed.scheduler.allowed-failures": 3,
+        "distributed.scheduler.allowed-failures": _MAX_LOST,
         "distributed.logging.distributed": "critical",  # a lost worker is our own sentence, not their tracebacks
     }
     with dask.config.set(settings), _start(num_workers, memory_limit) as cluster, Client(cluster) as client:
-        yield LocalWorkers(client, lambda: list(cluster.workers.values()), _MAX_LIVES * num_workers)
+        yield LocalWorkers(client, num_workers, lambda: list(cluster.workers.values()))
 
 
 def _start(num_workers: int, memory_limit: str) -> Any:

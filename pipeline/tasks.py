@@ -6,6 +6,7 @@ Everything that crosses a process boundary here is small: names, digests, counts
 import time
 import traceback
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
@@ -120,9 +121,10 @@ def run_task(task: Task, upstream: Upstream) -> Result:
     except DamagedEntry as error:
         return Result(task.node.name, task.shard, "failed", error=str(error), is_repairable=True)
     except Exception as error:  # the boundary of a shard: whatever a stage raises must not stop other shards
-        task.log.parent.mkdir(parents=True, exist_ok=True)
-        with task.log.open("a") as log:
-            log.write(traceback.format_exc())
+        with suppress(OSError):  # the disk may be full: then the sentence has to do
+            task.log.parent.mkdir(parents=True, exist_ok=True)
+            with task.log.open("a") as log:
+                log.write(traceback.format_exc())
         return Result(task.node.name, task.shard, "failed", error=_sentence(error))
 
 
