@@ -5,10 +5,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from assemblyhands_core.data.store import Store
+from assemblyhands_core.data.store import DamagedEntry, Store
 from pipeline.dag import Node
 from pipeline.history import History
-from pipeline.tasks import Result, Task, find_entry, key_parts
+from pipeline.tasks import Task, find_entry, key_parts
 from pipeline.work import SequenceWork
 
 
@@ -41,20 +41,25 @@ def _plan_node(work: SequenceWork, node: Node, store: Store, history: History) -
         return PlannedNode(name, node.name, 0, None, "shards are known after ingest", None)
     to_run: list[Task] = []
     for task in work.tasks(node):
-        result = _find(work, task, store)
-        if result is None:
+        if not _settle(work, task, store):
             to_run.append(task)
-        else:
-            work.settle(result, store)
     num_reused = len(work.shards(node)) - len(to_run)
     reason = _why(work, to_run, store, history)
     return PlannedNode(name, node.name, num_reused, len(to_run), reason, _estimate(node, len(to_run), history))
 
 
-def _find(work: SequenceWork, task: Task, store: Store) -> Result | None:
+def _settle(work: SequenceWork, task: Task, store: Store) -> bool:
+    """Settle a task whose entry is in the store; return whether it is."""
     if _running_upstream(work, task):
-        return None
-    return find_entry(task, work.upstream(task), store)
+        return False
+    result = find_entry(task, work.upstream(task), store)
+    if result is None:
+        return False
+    try:
+        work.settle(result, store)
+    except DamagedEntry:  # it is set aside, so the task runs
+        return False
+    return True
 
 
 def _running_upstream(work: SequenceWork, task: Task) -> list[str]:

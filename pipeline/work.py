@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from assemblyhands_core.data.catalog import CHUNKS
-from assemblyhands_core.data.store import Store
+from assemblyhands_core.data.store import DamagedEntry, Store
 from pipeline.config import RunConfig
 from pipeline.dag import Node
 from pipeline.recordings import Recording
@@ -64,17 +64,20 @@ class SequenceWork:
         return sum(frames) if shard.chunk is None else frames[shard.chunk]
 
     def settle(self, result: Result, store: Store) -> bool:
-        """Note a result; return whether it told how the sequence is cut."""
-        self.handles.setdefault(result.node, {})[result.shard] = result
+        """Note a result; return whether it told how the sequence is cut.
+
+        Raises:
+            DamagedEntry: if it should have told, but its table is damaged; the result is not noted then.
+        """
         node, output = self.config.dag.chunk_edge.split(".")
-        if result.node != node:
-            return False
-        if result.has_entry:
+        if result.node == node and result.has_entry:
             record = store.find(self.config.dag.nodes[node].stage.name, result.key)
-            assert record is not None
+            if record is None:
+                raise DamagedEntry(f"the entry {result.key} of {node} has vanished; run again")
             self.chunk_frames = store.read(record, output, CHUNKS).column("num_frames").to_pylist()
-        self.is_cut = True
-        return True
+        self.handles.setdefault(result.node, {})[result.shard] = result
+        self.is_cut = self.is_cut or result.node == node
+        return result.node == node
 
     def _waits_for_chunks(self, node: Node) -> bool:
         upstream = [self.config.dag.nodes[name] for name in node.upstream]
