@@ -28,7 +28,7 @@ from pipeline.tasks import Result
 from pipeline.view import write_view
 from pipeline.work import SequenceWork
 
-_MAX_REPAIRS = 3
+_MAX_REPAIRS = 20  # each round finds what is damaged one node further
 _PLAIN_WIDTH = 140  # of lines that go to a file or a pipe
 
 
