@@ -81,7 +81,8 @@ def _trial(seed: int, undisturbed: Any, workspace: Path, assert_clean: Callable[
         outcome, _ = _run_and_disturb(undisturbed.command, workspace, num_entries, pause_s, worker)
         undisturbed.assert_same(workspace, outcome)  # the same run heals: a lost worker's shards are done by another
     before = entries(workspace)
-    undisturbed.assert_same(workspace, pipeline(*undisturbed.command, "executor.num_workers=2", workspace=workspace))
+    executor = "executor.num_workers=2" if seed % 4 < 2 else "executor=serial"
+    undisturbed.assert_same(workspace, pipeline(*undisturbed.command, executor, workspace=workspace))
     assert before.items() <= entries(workspace).items(), "something that was finished was made again"
     assert_clean(workspace)
 

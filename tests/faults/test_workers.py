@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import deadly_stages
+import pytest
 from command_line import REPOSITORY, TIMEOUT_S, digests, entries, finish, pipeline, start
 
 
@@ -51,6 +52,7 @@ def test_gc_waits_for_no_run_but_refuses(undisturbed: Any, tmp_path: Path) -> No
     refused.assert_refused(2, "error: a run is at work in", "try again when it has ended")
 
 
+@pytest.mark.slow
 def test_workers_without_memory_do_not_hang(undisturbed: Any, tmp_path: Path) -> None:
     limit = ["executor.num_workers=2", "executor.memory_limit=60MB"]
     outcome = pipeline(*undisturbed.command, *limit, workspace=tmp_path / "work")
