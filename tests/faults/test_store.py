@@ -10,7 +10,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 from command_line import entries, new_stages, pipeline
 
@@ -59,17 +58,19 @@ def _remove_entry(file: Path) -> None:
 
 
 TABLES = {
-    "ingest": "chunks", "undistort": "rectified_views", "detect_hands": "bodies", "crop_hands": "crops",
-    "detect_keypoints": "keypoints", "triangulate": "joints", "measure_quality": "quality", "draw_overlays": "overlays",
+    "ingest": "chunks", "undistort": "rectified_views", "detect_hands": "hand_boxes", "crop_hands": "crops",
+    "detect_keypoints": "keypoints", "round_0": "joints", "quality": "quality", "overlay": "overlays",
 }  # fmt: skip
 DAMAGES: list[Damage] = [
     _truncate, _empty, _remove, _flip, _flip_the_end, _cut_record, _remove_record, _remove_entry,
 ]  # fmt: skip
 
 
-def _file(workspace: Path, stage: str, generator: np.random.Generator) -> Path:
-    files = sorted((workspace / "store" / stage).glob(f"*/{TABLES[stage]}.parquet"))
-    return files[int(generator.integers(len(files)))]
+def _file(workspace: Path, node: str, chunk: int = 1) -> Path:
+    """Return the file of a node's table in the store, of one chunk where it has several."""
+    folder = workspace / "runs" / "latest" / node / TABLES[node]
+    files = [path.resolve() for path in sorted(folder.iterdir())]
+    return files[chunk % len(files)]
 
 
 def _heal_and_check(undisturbed: Any, workspace: Path, assert_clean: Callable[[Path], None]) -> None:
@@ -79,26 +80,23 @@ def _heal_and_check(undisturbed: Any, workspace: Path, assert_clean: Callable[[P
 
 @pytest.mark.parametrize("shift", [0, *(pytest.param(shift, marks=pytest.mark.slow) for shift in (1, 3, 5, 6))])
 def test_damage_everywhere_is_healed(shift: int, undisturbed: Any, finished: Path, assert_clean: Any) -> None:
-    """Damage one entry of every stage at once, each in another way."""
-    generator = np.random.default_rng(shift)
-    for number, stage in enumerate(TABLES):
-        DAMAGES[(number + shift) % len(DAMAGES)](_file(finished, stage, generator))
+    """Damage one entry of every node at once, each in another way."""
+    for number, file in enumerate([_file(finished, node, chunk=shift + i) for i, node in enumerate(TABLES)]):
+        DAMAGES[(number + shift) % len(DAMAGES)](file)
     _heal_and_check(undisturbed, finished, assert_clean)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("damage", DAMAGES)
-@pytest.mark.parametrize("stage", TABLES)
-def test_each_damage_is_healed(stage: str, damage: Damage, undisturbed: Any, finished: Path, assert_clean: Any) -> None:
-    damage(_file(finished, stage, np.random.default_rng(0)))
+@pytest.mark.parametrize("node", TABLES)
+def test_each_damage_is_healed(node: str, damage: Damage, undisturbed: Any, finished: Path, assert_clean: Any) -> None:
+    damage(_file(finished, node))
     _heal_and_check(undisturbed, finished, assert_clean)
 
 
 def test_a_damaged_last_result_is_not_handed_out(undisturbed: Any, finished: Path, assert_clean: Any) -> None:
-    """No stage reads it, so nobody but the run itself can notice."""
-    file = _file(finished, "triangulate", np.random.default_rng(1))
-    for name in ("measure_quality", "draw_overlays"):
-        assert (finished / "store" / name).is_dir()  # all that would read it is there already
+    """All that would read it is there already, so nobody but the run itself can notice."""
+    file = _file(finished, "round_0")
     _flip(file)
     with pytest.raises(OSError, match=r"parquet cannot be read .*; run the command that made it again"):
         load(file)
@@ -115,13 +113,16 @@ def _rot(file: Path) -> None:
 
 
 def test_bit_rot_is_found_by_whoever_reads(undisturbed: Any, finished: Path, assert_clean: Any) -> None:
-    generator = np.random.default_rng(2)
-    for stage in ("ingest", "undistort", "detect_hands", "crop_hands", "detect_keypoints"):
-        _rot(_file(finished, stage, generator))
-    for stage in ("crop_hands", "detect_keypoints", "triangulate", "measure_quality"):
-        for entry in (finished / "store" / stage).iterdir():
-            if entry != _file(finished, stage, np.random.default_rng(0)).parent:
-                shutil.rmtree(entry)  # so that what is before them is read
+    lost = [_file(finished, "crop_hands", 1), _file(finished, "detect_keypoints", 2), _file(finished, "round_0", 3)]
+    read = [
+        _file(finished, "detect_hands", 1),
+        _file(finished, "crop_hands", 2),
+        _file(finished, "detect_keypoints", 3),
+    ]
+    for file in [_file(finished, "ingest"), _file(finished, "undistort"), *read]:
+        _rot(file)
+    for file in lost:  # so that what is before them is read
+        _remove_entry(file)
     _heal_and_check(undisturbed, finished, assert_clean)
 
 
@@ -136,8 +137,7 @@ def test_a_lost_picture_is_drawn_again(undisturbed: Any, finished: Path) -> None
 @pytest.mark.slow
 def test_what_reads_a_healed_entry_is_reused(undisturbed: Any, finished: Path) -> None:
     """The first chunk is made anew after the others were found: order must not count."""
-    first = (finished / "runs" / "latest" / "round_0" / "joints" / "tiny.00000.parquet").resolve().parent
-    shutil.rmtree(first)
+    _remove_entry(_file(finished, "round_0", chunk=0))
     before = entries(finished)
     undisturbed.assert_same(finished, pipeline(*undisturbed.command, "executor=serial", workspace=finished))
     assert new_stages(finished, before) == {"triangulate": 1}
