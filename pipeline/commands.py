@@ -57,6 +57,7 @@ def _run(config: RunConfig, console: Console, command_line: str) -> int:
         found = _run_until_whole(config, run, console)
         folder = write_view(config, run, found, command_line)
     summary.print_audit(console, folder)
+    summary.print_left_out(console, folder)
     summary.print_quality(console, folder)
     summary.print_times(console, found, started)
     console.print(f"results: {folder}", markup=False, highlight=False, soft_wrap=True)

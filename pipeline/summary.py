@@ -56,6 +56,21 @@ def print_times(console: Console, results: Sequence[Result], started: float) -> 
     console.print(f"engine time: {time.monotonic() - started:.1f} s")
 
 
+def print_left_out(console: Console, run: Path) -> None:
+    """Print which views were not used, by reason; ``doctor`` has said it already."""
+    if (run / "audit").is_dir():
+        return
+    for path in sorted((run / "ingest" / "views").glob("*.parquet")):
+        by_reason: dict[str, list[str]] = defaultdict(list)
+        for row in pq.read_table(path.resolve()).to_pylist():
+            by_reason[row["reason"]].append(row["camera_id"])
+        by_reason.pop("", None)
+        parts = [f"{', '.join(cameras)} ({reason})" for reason, cameras in by_reason.items()]
+        if parts:
+            line = f"{path.stem}: views left out: {'; '.join(parts)}; `doctor` says more"
+            console.print(line, markup=False, highlight=False, soft_wrap=True)
+
+
 def print_quality(console: Console, run: Path) -> None:
     """Print the tables that the node ``quality`` made."""
     for path in sorted((run / "quality" / "quality").glob("*.parquet")):

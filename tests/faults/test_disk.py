@@ -22,7 +22,8 @@ def _mount(*arguments: str) -> None:
 @pytest.fixture
 def small_disk(tmp_path: Path) -> Iterator[Mount]:
     """Give a disk of its own with some bytes of room; called again, it gets other options."""
-    folder, mounted = tmp_path / "disk", []
+    folder = tmp_path / "disk"
+    mounted: list[Path] = []
 
     def mount(options: str) -> Path:
         folder.mkdir(exist_ok=True)

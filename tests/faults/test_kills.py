@@ -12,7 +12,7 @@ from subprocess import Popen
 from typing import Any
 
 import numpy as np
-import psutil
+import psutil  # type: ignore[import-untyped]
 import pytest
 from command_line import TIMEOUT_S, Outcome, entries, finish, pipeline, start
 
