@@ -63,7 +63,7 @@ def finish(process: "subprocess.Popen[str]") -> Outcome:
     except subprocess.TimeoutExpired:
         os.killpg(process.pid, signal.SIGKILL)
         out, err = process.communicate()
-        raise AssertionError(f"{process.args} hangs; so far it said\n{out}\n{err}") from None
+        raise AssertionError(f"{process.args!r} hangs; so far it said\n{out}\n{err}") from None
     return Outcome(process.returncode, out, err)
 
 

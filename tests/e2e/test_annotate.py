@@ -89,9 +89,11 @@ def with_two_workers(studio: Any, tmp_path_factory: pytest.TempPathFactory) -> S
 def test_joints_are_where_they_were(studio: Any, first: Step) -> None:
     first.outcome.assert_done()
     table = load(first.workspace / "runs" / "latest" / "round_0")
-    found_mm = np.stack(table.joints_world_mm).reshape(NUM_FRAMES, 2, 21, 3).astype(np.float64)
+    found_mm = np.stack(table.joints_world_mm.tolist()).reshape(NUM_FRAMES, 2, 21, 3).astype(np.float64)
     assert table.hand.tolist() == ["right", "left"] * NUM_FRAMES
-    assert np.stack(table.valid).all() and (np.stack(table.num_views) == len(studio.tiny.cameras)).all()
+    assert (
+        np.stack(table.valid.tolist()).all() and (np.stack(table.num_views.tolist()) == len(studio.tiny.cameras)).all()
+    )
     # Least squares over all views errs by the inverse of the sum of JᵀJ / σ²: measured with it, each joint's squared
     # error is chi-squared with 3 degrees of freedom, of mean 3 and variance 6. More says that the solver is not
     # optimal, less that the error is not that of the noise.
