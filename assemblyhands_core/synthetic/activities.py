@@ -12,12 +12,14 @@ import numpy as np
 
 from assemblyhands_core.geometry import transforms
 from assemblyhands_core.hands.joints import Hand
-from assemblyhands_core.synthetic.bench import Bench, Held, Rigid, Verb, free_key, gripped
+from assemblyhands_core.synthetic.bench import Bench, Rigid, Verb, free_key
 from assemblyhands_core.synthetic.motion import WORLD, HandKey, PartKey
-from assemblyhands_core.synthetic.moves import pick_up, position, put_down, remove, turn_screw
+from assemblyhands_core.synthetic.moves import pick_up, position, put_down, remove
 from assemblyhands_core.synthetic.objects import PartSet
 from assemblyhands_core.synthetic.person import SIDE, Subject
-from assemblyhands_core.synthetic.placing import TABLE_TOP_MM, TILTS_RAD, best_grip, free_spots, natural_rotation
+from assemblyhands_core.synthetic.placing import best_way, free_spots, natural_rotation
+from assemblyhands_core.synthetic.rig import TABLE_TOP_Y_MM
+from assemblyhands_core.synthetic.turning import turn_screw
 
 VERBS: Final[tuple[Verb, ...]] = ("pick up", "position", "put down", "remove", "screw", "unscrew")
 """In the order of designed frequency."""
@@ -176,7 +178,7 @@ def _resting(hand: Hand, rng: np.random.Generator) -> Rigid:
     y /= np.linalg.norm(y)
     z = np.array([0.0, 1.0, 0.0]) - y * y[1]
     z /= np.linalg.norm(z)
-    spot = np.array([rng.uniform(-110.0, -50.0), TABLE_TOP_MM + 70.0, 80.0 + side * rng.uniform(150.0, 220.0)])
+    spot = np.array([rng.uniform(-110.0, -50.0), TABLE_TOP_Y_MM + 70.0, 80.0 + side * rng.uniform(150.0, 220.0)])
     return transforms.rigid(np.stack([np.cross(y, z), y, z], axis=-1), spot)
 
 
@@ -220,19 +222,18 @@ def _put_on_table(bench: Bench, name: str) -> None:
     on_holders_side = part.mount is None and not is_workpiece and rng.random() < 0.3
     x, z = (70.0, 60.0) if is_workpiece else free_spots(bench, bench.holder if on_holders_side else bench.worker)[0]
     yaw = rng.normal(0.0, 0.3) if is_workpiece else rng.uniform(0.0, 2 * np.pi)
-    bench.carry(name, WORLD, part.resting(x, z, float(yaw), TABLE_TOP_MM), 0.0)
+    bench.carry(name, WORLD, part.resting(x, z, float(yaw), TABLE_TOP_Y_MM), 0.0)
 
 
 def _start_holding(bench: Bench) -> None:
     """Let the take begin with the workpiece in the hand, gripped as if from the table."""
     hand, name = bench.holder, bench.parts.workpiece
-    part = bench.part(name)
-    grip, candidates = bench.grip(part.pick, hand), gripped(part.pick, TILTS_RAD)
-    T_world_from_part = bench.at(0.0).T_world_from(name)
-    index = best_grip(bench, hand, grip, T_world_from_part, candidates)
-    held = Held(name, candidates[index], grip)
+    ways = bench.ways(name, bench.part(name).pick, hand)
+    held = ways.held(name, best_way(bench, hand, ways, bench.at(0.0).T_world_from(name)))
     wrist = transforms.rigid(natural_rotation(hand), np.array([20.0, 150.0, 80.0 + SIDE[hand] * 90.0]))
-    key = HandKey(0.0, WORLD, wrist @ grip.T_wrist_from_grip, grip.T_wrist_from_grip, grip.closed_rad)
-    bench.hand_keys[hand][:] = [key]
+    grip = held.grip
+    bench.hand_keys[hand][:] = [
+        HandKey(0.0, WORLD, wrist @ grip.T_wrist_from_grip, grip.T_wrist_from_grip, grip.closed_rad)
+    ]
     bench.part_keys[name][:] = [PartKey(0.0, hand, held.T_wrist_from_part)]
     bench.held[hand] = held

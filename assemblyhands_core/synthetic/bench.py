@@ -3,7 +3,6 @@
 Mutable only while `activities` writes a take; afterwards only its `tracks` and `segments` are kept.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Final, Literal
 
@@ -14,7 +13,7 @@ from assemblyhands_core.geometry import transforms
 from assemblyhands_core.hands.grasps import grasp_angles_rad
 from assemblyhands_core.hands.joints import HANDS, Hand
 from assemblyhands_core.hands.kinematics import HandPose, forward_kinematics
-from assemblyhands_core.synthetic.grips import HandGrip, solve_grip
+from assemblyhands_core.synthetic.grips import GripKind, HandGrip, solve_grips
 from assemblyhands_core.synthetic.motion import (
     PEAK_OVER_MEAN_SPEED,
     WORLD,
@@ -26,7 +25,6 @@ from assemblyhands_core.synthetic.motion import (
     Tracks,
     Tremor,
     about_z,
-    rotation,
     rotation_vector,
     shifted,
 )
@@ -85,6 +83,29 @@ class Held:
         return np.asarray(self.grip.T_wrist_from_grip @ transforms.inverse(self.T_part_from_grip))
 
 
+@dataclass(frozen=True, eq=False)
+class Ways:
+    """All the ways in which a hand could hold a part, in the part's frame, mm.
+
+    Attributes:
+        T_part_from_grip: Places of the grip.
+        T_part_from_wrist: Places of the hand.
+        grips: The grip in the hand, of each way.
+        joints_mm: The hand's joints, closed and then open.
+        clearance_mm: Least distance of a joint of the closed hand to the part's surface, negative inside.
+    """
+
+    T_part_from_grip: Float64[np.ndarray, "way 4 4"]
+    T_part_from_wrist: Float64[np.ndarray, "way 4 4"]
+    grips: tuple[HandGrip, ...]
+    joints_mm: Float64[np.ndarray, "way 42 3"]
+    clearance_mm: Float64[np.ndarray, " way"]
+
+    def held(self, name: str, index: int) -> Held:
+        """Return one way as what a hand holds."""
+        return Held(name, self.T_part_from_grip[index], self.grips[index])
+
+
 @dataclass(eq=False)
 class Bench:
     """State and script.
@@ -110,7 +131,8 @@ class Bench:
     segments: list[Segment] = field(default_factory=list)
     held: dict[Hand, Held] = field(default_factory=dict)
     mounted: dict[str, tuple[float, float]] = field(default_factory=dict)
-    _grips: dict[tuple[str, float, Hand], HandGrip] = field(default_factory=dict)
+    _grips: dict[tuple[GripKind, Hand], tuple[HandGrip, ...]] = field(default_factory=dict)
+    _ways: dict[tuple[str, GripKind, Hand], Ways] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         tremors = {hand: Tremor.from_rng(self.rng) for hand in HANDS}
@@ -142,19 +164,37 @@ class Bench:
         """Return until when a hand is busy."""
         return self.hand_keys[hand][-1].t_s
 
-    def grip(self, grip: Grip, hand: Hand) -> HandGrip:
-        """Return how this person takes hold, solved for once."""
-        key = grip.kind.contact, grip.kind.width_mm, hand
-        if key not in self._grips:
-            self._grips[key] = solve_grip(self.subject.hand_shape.skeleton, grip.kind, hand)
-        return self._grips[key]
+    def ways(self, name: str, grip: Grip, hand: Hand) -> Ways:
+        """Return how this person can take hold of a part by one of its grips, worked out once."""
+        key = name, grip.kind, hand
+        if key not in self._ways:
+            solved = self._solved(grip.kind, hand)
+            places = gripped(grip)
+            pairs = [(place, one) for place in places for one in solved]
+            self._ways[key] = self._ways_of(name, np.stack([p for p, _ in pairs]), tuple(g for _, g in pairs), hand)
+        return self._ways[key]
 
-    def joints_mm(
-        self, hand: Hand, T_frame_from_wrist: Rigid, angles_rad: Float64[np.ndarray, "20"]
-    ) -> Float64[np.ndarray, "21 3"]:
-        """Return the joints of a hand in any frame."""
-        pose = HandPose(hand, T_frame_from_wrist, angles_rad)
-        return forward_kinematics(self.subject.hand_shape.skeleton, pose)
+    def present_way(self, hand: Hand) -> Ways:
+        """Return the one way in which a hand holds what it holds."""
+        held = self.held[hand]
+        return self._ways_of(held.part, held.T_part_from_grip[None], (held.grip,), hand)
+
+    def _solved(self, kind: GripKind, hand: Hand) -> tuple[HandGrip, ...]:
+        if (kind, hand) not in self._grips:
+            self._grips[kind, hand] = solve_grips(self.subject.hand_shape.skeleton, kind, hand)
+        return self._grips[kind, hand]
+
+    def _ways_of(
+        self, name: str, places: Float64[np.ndarray, "way 4 4"], grips: tuple[HandGrip, ...], hand: Hand
+    ) -> Ways:
+        wrists = places @ np.stack([transforms.inverse(grip.T_wrist_from_grip) for grip in grips])
+        skeleton = self.subject.hand_shape.skeleton
+        joints = [
+            forward_kinematics(skeleton, HandPose(hand, wrists, np.stack([getattr(grip, bend) for grip in grips])))
+            for bend in ("closed_rad", "open_rad")
+        ]
+        clearance = self.part(name).signed_distance_mm(joints[0]).min(axis=-1)
+        return Ways(places, wrists, grips, np.concatenate(joints, axis=1), clearance)
 
     def is_tight(self, name: str) -> bool:
         """Tell whether a part on its mount is screwed in."""
@@ -224,13 +264,11 @@ class Bench:
         self.segments.append(Segment(verb, self.part(name).noun, name, hand, start_s, end_s))
 
 
-def gripped(grip: Grip, tilts_rad: Sequence[float]) -> Float64[np.ndarray, "n 4 4"]:
-    """Return all `T_part_from_grip` of a grip: around the part, rolled about the grip, tilted about the contacts."""
+def gripped(grip: Grip) -> Float64[np.ndarray, "n 4 4"]:
+    """Return all `T_part_from_grip` of a grip: around the part, rolled about the grip."""
     turns = [about_z(2 * np.pi * i / grip.num_turns) for i in range(grip.num_turns)]
     rolls = [about_z(2 * np.pi * i / grip.num_rolls) for i in range(grip.num_rolls)]
-    tilts = [transforms.rigid(rotation(np.array([tilt, 0.0, 0.0])), np.zeros(3)) for tilt in tilts_rad]
-    poses = [turn @ grip.T_part_from_grip @ roll @ tilt for turn in turns for roll in rolls for tilt in tilts]
-    return np.stack(poses)
+    return np.stack([turn @ grip.T_part_from_grip @ roll for turn in turns for roll in rolls])
 
 
 def free_key(t_s: float, T_world_from_wrist: Rigid, arc_mm: float = 0.0) -> HandKey:

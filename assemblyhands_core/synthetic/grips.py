@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from typing import Final, Literal
 
 import numpy as np
-from jaxtyping import Float, Float64
+from jaxtyping import Float64
 
 from assemblyhands_core.geometry import transforms
 from assemblyhands_core.hands.grasps import Grasp, blended_grasps_rad, grasp_angles_rad
@@ -30,6 +30,8 @@ PAD_MM: Final = 7.0
 """From the joint in a fingertip to the skin that touches."""
 OPENING_MM: Final = 16.0
 """How much further from the object each finger is before it touches."""
+LEANS_RAD: Final = ((0.0, 0.0), (0.45, 0.0), (-0.45, 0.0), (0.0, 0.4), (0.0, -0.4))
+"""The hand may lean against the grip: about the axis through the contacts (x) and across it (y)."""
 
 
 @dataclass(frozen=True)
@@ -48,15 +50,15 @@ class GripKind:
 
 @dataclass(frozen=True, eq=False)
 class HandGrip:
-    """A grip in a hand: where it is and how the fingers are bent before, at and without contact."""
+    """A grip in a hand: where it is, and how the fingers are bent when they touch and before."""
 
     T_wrist_from_grip: Float64[np.ndarray, "4 4"]
     closed_rad: Float64[np.ndarray, "20"]
     open_rad: Float64[np.ndarray, "20"]
 
 
-def solve_grip(skeleton: HandSkeleton, kind: GripKind, hand: Hand) -> HandGrip:
-    """Find the place of a grip in a hand and the bend of the fingers that bring the fingertips to their contacts.
+def solve_grips(skeleton: HandSkeleton, kind: GripKind, hand: Hand) -> tuple[HandGrip, ...]:
+    """Find the places of a grip in a hand and the bend of the fingers that bring the fingertips to their contacts.
 
     Args:
         skeleton: The hand's lengths.
@@ -64,19 +66,23 @@ def solve_grip(skeleton: HandSkeleton, kind: GripKind, hand: Hand) -> HandGrip:
         hand: Which hand.
 
     Returns:
-        Joint angles within the limits; the open ones have the same grip frame with the fingers further apart.
+        One grip for each of `LEANS_RAD`, angles within the limits; open ones have the fingers further apart.
     """
-    nominal = _NOMINAL[kind.contact]
+    nominal = np.stack([_nominal_frame(_NOMINAL[kind.contact], lean) for lean in LEANS_RAD])
     spread = np.clip((kind.width_mm - _NARROW_MM) / _WIDE_MM, 0.0, 1.0)
-    named = blended_grasps_rad(grasp_angles_rad(nominal.grasp), grasp_angles_rad("open"), spread)
-    start = np.concatenate([np.zeros(6), named])
-    closed = _solve(skeleton, nominal, _contacts_mm(kind), start, free_frame=True)
+    named = grasp_angles_rad(_NOMINAL[kind.contact].grasp)
+    named = blended_grasps_rad(named, grasp_angles_rad("open"), spread)
+    start = np.tile(np.concatenate([np.zeros(6), named]), (len(nominal), 1))
+    closed = _solve(skeleton, nominal, _contacts_mm(kind), start, num_fixed=0)
     wider = replace(kind, width_mm=kind.width_mm + 2 * OPENING_MM)
-    opened = _solve(skeleton, nominal, _contacts_mm(wider), closed, free_frame=False)
-    T_wrist_from_grip = _frame(nominal, closed[:6])
+    opened = _solve(skeleton, nominal, _contacts_mm(wider), closed, num_fixed=6)
+    frames = _moved(nominal, closed[:, :6])
     if hand == "left":
-        T_wrist_from_grip = MIRROR @ T_wrist_from_grip @ MIRROR
-    return HandGrip(T_wrist_from_grip, clamp_to_limits(closed[6:]), clamp_to_limits(opened[6:]))
+        frames = MIRROR @ frames @ MIRROR
+    return tuple(
+        HandGrip(frame, clamp_to_limits(one[6:]), clamp_to_limits(other[6:]))
+        for frame, one, other in zip(frames, closed, opened, strict=True)
+    )
 
 
 def _contacts_mm(kind: GripKind) -> Mapping[str, Float64[np.ndarray, "3"]]:
@@ -111,62 +117,80 @@ class _Nominal:
 
 
 _NOMINAL: Final[Mapping[Contact, _Nominal]] = {
-    "pinch": _Nominal("pinch", (-30.0, 100.0, -72.0), (0.15, 0.86, 0.48), (0.0, 0.48, -0.87)),
+    "pinch": _Nominal("tripod", (-30.0, 100.0, -72.0), (0.15, 0.86, 0.48), (0.0, 0.48, -0.87)),
     "tripod": _Nominal("tripod", (-22.0, 98.0, -74.0), (0.2, 0.85, 0.48), (0.0, 0.48, -0.87)),
     "hold": _Nominal("tripod", (-14.0, 98.0, -74.0), (0.2, 0.85, 0.48), (0.0, 0.48, -0.87)),
     "round": _Nominal("tripod", (-20.0, 96.0, -74.0), (0.25, 0.84, 0.48), (0.0, 0.48, -0.87)),
     "wrap": _Nominal("power", (-8.0, 92.0, -58.0), (0.2, 0.85, 0.48), (0.0, 0.48, -0.87)),
 }
-_CONTACT_WEIGHT: Final = 1.0
 _ANGLE_WEIGHT: Final = 4.0
 _FRAME_WEIGHTS: Final = np.array([8.0, 8.0, 8.0, 0.08, 0.08, 0.08])
+_WEIGHTS: Final = np.concatenate([_FRAME_WEIGHTS, np.full(20, _ANGLE_WEIGHT)])
 _NARROW_MM: Final = 25.0
 _WIDE_MM: Final = 110.0
-_NUM_STEPS: Final = 12
+_NUM_STEPS: Final = 14
 _NUDGE: Final = 1e-5
 
 
-def _frame(nominal: _Nominal, offset: Float[np.ndarray, "6"]) -> Float64[np.ndarray, "4 4"]:
-    """The grip frame in the wrist: the nominal one, turned by the first three numbers and moved by the others."""
+def _nominal_frame(nominal: _Nominal, lean_rad: tuple[float, float]) -> Float64[np.ndarray, "4 4"]:
+    """The grip frame in the average wrist, turned about its x and y axes."""
     z = np.array(nominal.z) / np.linalg.norm(nominal.z)
     x = np.array(nominal.x) - z * (z @ nominal.x)
     x /= np.linalg.norm(x)
-    axes = np.stack([x, np.cross(z, x), z], axis=-1)
-    return transforms.rigid(axes @ rotation(offset[:3]), np.array(nominal.origin_mm) + offset[3:])
+    axes = np.stack([x, np.cross(z, x), z], axis=-1) @ rotation(np.array([*lean_rad, 0.0]))
+    return transforms.rigid(axes, np.array(nominal.origin_mm))
+
+
+def _moved(
+    nominal: Float64[np.ndarray, "*n 4 4"], offset: Float64[np.ndarray, "*n 6"]
+) -> Float64[np.ndarray, "*n 4 4"]:
+    """Turn frames by the first three numbers (small angles; made a rotation again) and move them by the others."""
+    frames = nominal.copy()
+    x, y, z = np.moveaxis(offset[..., :3], -1, 0)
+    one, zero = np.ones_like(x), np.zeros_like(x)
+    skew = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(*x.shape, 3, 3)
+    # Cayley's map: (I - S/2)^-1 (I + S/2) is a rotation for any skew S and equals exp(S) up to the third order.
+    eye = one[..., None, None] * np.eye(3)
+    frames[..., :3, :3] = nominal[..., :3, :3] @ np.linalg.solve(eye - skew / 2, eye + skew / 2)
+    frames[..., :3, 3] += offset[..., 3:]
+    return frames
 
 
 def _solve(
     skeleton: HandSkeleton,
-    nominal: _Nominal,
+    nominal: Float64[np.ndarray, "lean 4 4"],
     contacts_mm: Mapping[str, Float64[np.ndarray, "3"]],
-    start: Float64[np.ndarray, "26"],
-    free_frame: bool,
-) -> Float64[np.ndarray, "26"]:
-    """Damped Gauss-Newton on contacts, held softly at the named grasp and place; angles are kept within limits."""
-    free = np.arange(26) >= (0 if free_frame else 6)
-    weights = np.concatenate([_FRAME_WEIGHTS, np.full(20, _ANGLE_WEIGHT)])
-    value = start.copy()
+    start: Float64[np.ndarray, "lean 26"],
+    num_fixed: int,
+) -> Float64[np.ndarray, "lean 26"]:
+    """Gauss-Newton on contacts, held softly at the named grasp and place; angles are kept within their limits."""
+    value, free = start.copy(), np.arange(num_fixed, 26)
+    nudges = np.concatenate([np.zeros((1, 26)), _NUDGE * np.eye(26)[free]])
+    stuck = np.zeros((len(start), len(free)), dtype=bool)
     for _ in range(_NUM_STEPS):
-        nudged = np.concatenate([value[None], value + _NUDGE * np.eye(26)[free]])
-        misses = _misses_mm(skeleton, nominal, contacts_mm, nudged) * _CONTACT_WEIGHT
-        slope = (misses[1:] - misses[0]).T / _NUDGE
-        rows = np.concatenate([slope, np.diag(weights)[:, free]])
-        rest = np.concatenate([misses[0], weights * (value - start)])
-        value[free] -= np.linalg.lstsq(rows, rest, rcond=None)[0]
-        value[6:] = clamp_to_limits(value[6:])
+        misses = _misses_mm(skeleton, nominal, contacts_mm, value[:, None] + nudges)
+        # What is stuck at a limit does not count on moving, so that the rest makes up for it.
+        slope = (misses[:, 1:] - misses[:, :1]) / _NUDGE * ~stuck[..., None]
+        pull = (slope @ misses[:, 0, :, None])[..., 0] + _WEIGHTS[free] ** 2 * (value - start)[:, free] * ~stuck
+        curvature = slope @ np.swapaxes(slope, 1, 2) + np.diag(_WEIGHTS[free] ** 2)
+        wanted = value.copy()
+        wanted[:, free] -= np.linalg.solve(curvature, pull[..., None])[..., 0]
+        value = np.concatenate([wanted[:, :6], clamp_to_limits(wanted[:, 6:])], axis=1)
+        stuck |= (wanted != value)[:, free]
     return value
 
 
 def _misses_mm(
     skeleton: HandSkeleton,
-    nominal: _Nominal,
+    nominal: Float64[np.ndarray, "lean 4 4"],
     contacts_mm: Mapping[str, Float64[np.ndarray, "3"]],
-    values: Float64[np.ndarray, "n 26"],
-) -> Float64[np.ndarray, "n m"]:
+    values: Float64[np.ndarray, "lean n 26"],
+) -> Float64[np.ndarray, "lean n m"]:
     """From the contacts to the fingertips, all in the wrist frame of the right hand."""
-    still = np.broadcast_to(np.eye(4), (len(values), 4, 4))
-    joints = forward_kinematics(skeleton, HandPose("right", still, values[:, 6:]))
-    tips = joints[:, [4 * FINGERS.index(finger) for finger in contacts_mm]]
-    frames = np.stack([_frame(nominal, value[:6]) for value in values])
-    wanted = np.stack(list(contacts_mm.values())) @ frames[:, :3, :3].transpose(0, 2, 1) + frames[:, None, :3, 3]
-    return np.asarray((tips - wanted).reshape(len(values), -1))
+    still = np.broadcast_to(np.eye(4), (*values.shape[:2], 4, 4))
+    joints = forward_kinematics(skeleton, HandPose("right", still, values[..., 6:]))
+    tips = joints[..., [4 * FINGERS.index(finger) for finger in contacts_mm], :]
+    frames = _moved(np.broadcast_to(nominal[:, None], still.shape), values[..., :6])
+    wanted = np.stack(list(contacts_mm.values())) @ np.swapaxes(frames[..., :3, :3], -1, -2)
+    wanted = wanted + frames[..., None, :3, 3]
+    return np.asarray((tips - wanted).reshape(*values.shape[:2], -1))

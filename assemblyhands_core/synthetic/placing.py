@@ -1,98 +1,78 @@
 """Choosing where to grip, where to hold the workpiece and where to put things down: the most natural of many draws."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from jaxtyping import Float64
 
 from assemblyhands_core.geometry import transforms
 from assemblyhands_core.hands.joints import Hand
-from assemblyhands_core.synthetic.bench import Bench, Rigid
+from assemblyhands_core.synthetic.bench import Bench, Rigid, Ways
 from assemblyhands_core.synthetic.ergonomics import discomfort
-from assemblyhands_core.synthetic.grips import HandGrip
 from assemblyhands_core.synthetic.motion import rotation
 from assemblyhands_core.synthetic.person import SIDE
-
-TABLE_TOP_MM: Final = -20.0
-TILTS_RAD: Final = (-0.75, -0.5, -0.25, 0.0, 0.25, 0.5, 0.75)
+from assemblyhands_core.synthetic.rig import TABLE_TOP_Y_MM
 
 _WORK_WORLD_MM: Final = np.array([55.0, 165.0, 80.0])
 _WORK_SPREAD_MM: Final = np.array([28.0, 28.0, 26.0])
 _NUM_PRESENTATIONS: Final = 160
 _TABLE_CLEARANCE_MM: Final = 7.0
 _CLEARANCE_MM: Final = 9.0
+_PART_CLEARANCE_MM: Final = 3.0
 _HANDS_CLEARANCE_MM: Final = 24.0
 
 
-@dataclass(frozen=True, eq=False)
-class Choice:
+class Choice(NamedTuple):
     """Where the workpiece is held and how the other hand grips.
 
     Attributes:
         T_world_from_root: The workpiece (or whatever the part is mounted on).
-        index: Of the chosen candidate.
+        place: Index of the chosen place of the part.
+        way: Index of the chosen way to hold it.
     """
 
     T_world_from_root: Rigid
-    index: int
+    place: int
+    way: int
 
 
-def best_grip(
-    bench: Bench,
-    hand: Hand,
-    grip: HandGrip,
-    T_world_from_part: Rigid,
-    candidates: Float64[np.ndarray, "n 4 4"],
-) -> int:
-    """Return the index of the most natural `T_part_from_grip` that keeps clear of the table and of other parts.
-
-    Args:
-        bench: State.
-        hand: Which hand grips.
-        grip: How.
-        T_world_from_part: Where it is, mm.
-        candidates: `T_part_from_grip`.
-    """
-    wrists = T_world_from_part @ candidates @ transforms.inverse(grip.T_wrist_from_grip)
-    cost = discomfort(bench.subject, hand, wrists) + bench.rng.uniform(0.0, 1.5, len(wrists))
-    for angles in (grip.closed_rad, grip.open_rad):
-        joints = _joints_mm(bench, hand, wrists, angles)
-        sunk = TABLE_TOP_MM + _TABLE_CLEARANCE_MM - joints[..., 1]
-        cost += 0.5 * np.maximum(sunk, 0.0).max(axis=-1) ** 2
-    return int(np.argmin(cost))
+def best_way(bench: Bench, hand: Hand, ways: Ways, T_world_from_part: Rigid) -> int:
+    """Return the index of the most natural way to take hold of a part where it is, clear of the table."""
+    cost = discomfort(bench.subject, hand, T_world_from_part @ ways.T_part_from_wrist)
+    joints = transforms.apply(T_world_from_part, ways.joints_mm)
+    return int(np.argmin(cost + _sunk_cost(joints) + _pierced_cost(ways) + bench.rng.uniform(0.0, 1.0, len(cost))))
 
 
 def best_presentation(
     bench: Bench,
-    grip: HandGrip,
+    ways: Ways,
     root: str,
     t_s: float,
-    T_root_from_grip: Float64[np.ndarray, "n stroke 4 4"],
+    T_root_from_part: Float64[np.ndarray, "place stroke 4 4"],
     ignored: Sequence[str],
-    extra_cost: Float64[np.ndarray, " n"] | float = 0.0,
+    way_cost: Float64[np.ndarray, " way"] | float = 0.0,
 ) -> Choice:
     """Choose how the holding hand presents the workpiece and how the working hand grips.
 
     Args:
         bench: State; a root that is not held stays where it is.
-        grip: Of the working hand.
-        root: The part in whose frame the working hand moves.
+        ways: How the working hand may grip.
+        root: What the part is mounted on in the end.
         t_s: Until when the script goes.
-        T_root_from_grip: Candidates, each with one or more poses that all have to be comfortable.
+        T_root_from_part: Where the part may be; with more than one stroke all of them have to be comfortable.
         ignored: Parts that the working hand may touch.
-        extra_cost: Of each candidate.
+        way_cost: Of each way.
     """
-    T_root_from_wrist = T_root_from_grip @ transforms.inverse(grip.T_wrist_from_grip)
-    obstacle_cost = _obstacle_cost(bench, grip, root, t_s, T_root_from_wrist[:, 0], ignored) + extra_cost
+    T_root_from_wrist = T_root_from_part[:, None] @ ways.T_part_from_wrist[:, None]
     roots = _presentations(bench, root, t_s)
-    wrists = roots[:, None, None] @ T_root_from_wrist
-    cost = discomfort(bench.subject, bench.worker, wrists).max(axis=-1) + obstacle_cost
-    cost += 0.3 * np.maximum(TABLE_TOP_MM + 25.0 - wrists[..., 1, 3], 0.0).max(axis=-1)
-    cost += _moving_cost(bench, root, t_s, roots)[:, None]
+    wrists = roots[:, None, None, None] @ T_root_from_wrist
+    cost = discomfort(bench.subject, bench.worker, wrists).max(axis=-1)
+    cost += 0.3 * np.maximum(TABLE_TOP_Y_MM + 25.0 - wrists[..., 1, 3], 0.0).max(axis=-1)
+    cost += _obstacle_cost(bench, ways, root, t_s, T_root_from_part[:, 0], ignored) + _pierced_cost(ways) + way_cost
+    cost += _moving_cost(bench, root, t_s, roots)[:, None, None]
     best = np.unravel_index(int(np.argmin(cost)), cost.shape)
-    return Choice(roots[best[0]], int(best[1]))
+    return Choice(roots[best[0]], int(best[1]), int(best[2]))
 
 
 def _presentations(bench: Bench, root: str, t_s: float) -> Float64[np.ndarray, "k 4 4"]:
@@ -130,27 +110,25 @@ def _moving_cost(bench: Bench, root: str, t_s: float, roots: Float64[np.ndarray,
     wrists = roots @ transforms.inverse(held.T_wrist_from_part)
     cosine = (np.einsum("kii->k", roots[0, :3, :3].T @ roots[:, :3, :3]) - 1) / 2
     turn = np.arccos(np.clip(cosine, -1.0, 1.0))
-    joints = _joints_mm(bench, bench.holder, wrists, held.grip.closed_rad)
-    low = np.maximum(TABLE_TOP_MM + 30.0 - joints[..., 1].min(axis=-1), 0.0)
+    low = np.stack([transforms.apply(pose, bench.present_way(bench.holder).joints_mm[0])[:, 1].min() for pose in roots])
+    low = np.maximum(TABLE_TOP_Y_MM + 30.0 - low, 0.0)
     away = np.linalg.norm(roots[:, :3, 3] - _WORK_WORLD_MM, axis=-1) / 60.0
     return np.asarray(discomfort(bench.subject, bench.holder, wrists) + 0.8 * turn + 0.3 * low + away**2)
 
 
 def _obstacle_cost(
     bench: Bench,
-    grip: HandGrip,
+    ways: Ways,
     root: str,
     t_s: float,
-    T_root_from_wrist: Float64[np.ndarray, "n 4 4"],
+    T_root_from_part: Float64[np.ndarray, "place 4 4"],
     ignored: Sequence[str],
-) -> Float64[np.ndarray, " n"]:
+) -> Float64[np.ndarray, "place way"]:
     """What a working hand costs that runs into the workpiece, what is mounted on it or the other hand."""
-    joints = np.concatenate(
-        [_joints_mm(bench, bench.worker, T_root_from_wrist, a) for a in (grip.closed_rad, grip.open_rad)], axis=-2
-    )
+    joints = np.stack([transforms.apply(place, ways.joints_mm) for place in T_root_from_part])
     now = bench.at(t_s)
     T_world_from_root = now.T_world_from(root)
-    nearest = np.full(len(joints), np.inf)
+    nearest = np.full(joints.shape[:2], np.inf)
     for name in (root, *bench.mounted):
         if bench.parts.root(name) == root and name not in ignored:
             T_part_from_root = transforms.inverse(now.T_world_from(name)) @ T_world_from_root
@@ -159,29 +137,36 @@ def _obstacle_cost(
     cost = 0.4 * np.maximum(_CLEARANCE_MM - nearest, 0.0) ** 2
     held = bench.held.get(bench.holder)
     if held is not None and held.part == root:
-        other = bench.joints_mm(bench.holder, transforms.inverse(held.T_wrist_from_part), held.grip.closed_rad)
-        apart = np.linalg.norm(joints[:, :, None] - other, axis=-1).min(axis=(1, 2))
+        other = bench.present_way(bench.holder).joints_mm[0, :21]
+        apart = np.linalg.norm(joints[..., None, :] - other, axis=-1).min(axis=(-1, -2))
         cost = cost + 0.1 * np.maximum(_HANDS_CLEARANCE_MM - apart, 0.0) ** 2
     return np.asarray(cost)
 
 
-def best_spot(
-    bench: Bench, hand: Hand, grip: HandGrip, T_part_from_grip: Float64[np.ndarray, "n 4 4"], name: str
-) -> tuple[Rigid, int]:
-    """Choose a free place on the table, how to turn a part there and which grip to put it down with.
+def _sunk_cost(joints_world_mm: Float64[np.ndarray, "*way 42 3"]) -> Float64[np.ndarray, "*way"]:
+    """What fingers cost that reach into the table."""
+    depth = TABLE_TOP_Y_MM + _TABLE_CLEARANCE_MM - joints_world_mm[..., 1]
+    return np.asarray(0.5 * np.maximum(depth, 0.0).max(axis=-1) ** 2)
+
+
+def _pierced_cost(ways: Ways) -> Float64[np.ndarray, " way"]:
+    """What fingers cost that reach into what they hold."""
+    return np.asarray(0.5 * np.maximum(_PART_CLEARANCE_MM - ways.clearance_mm, 0.0) ** 2)
+
+
+def best_spot(bench: Bench, hand: Hand, ways: Ways, name: str) -> tuple[Rigid, int]:
+    """Choose a free place on the table, how to turn a part there and which way to hold it while putting it down.
 
     Returns:
-        `T_world_from_part` and the index of the grip.
+        `T_world_from_part` and the index of the way.
     """
     spots = free_spots(bench, hand)
     yaws = bench.rng.uniform(0.0, 2 * np.pi, 10)
     part = bench.part(name)
-    poses = np.stack([part.resting(x, z, float(yaw), TABLE_TOP_MM) for x, z in spots for yaw in yaws])
-    wrists = poses[:, None] @ T_part_from_grip @ transforms.inverse(grip.T_wrist_from_grip)
-    cost = discomfort(bench.subject, hand, wrists)
-    joints = _joints_mm(bench, hand, wrists, grip.open_rad)
-    sunk = np.maximum(TABLE_TOP_MM + _TABLE_CLEARANCE_MM - joints[..., 1], 0.0).max(axis=-1)
-    cost = cost + 0.5 * sunk**2 + bench.rng.uniform(0.0, 3.0, cost.shape)
+    poses = np.stack([part.resting(x, z, float(yaw), TABLE_TOP_Y_MM) for x, z in spots for yaw in yaws])
+    cost = discomfort(bench.subject, hand, poses[:, None] @ ways.T_part_from_wrist) + _pierced_cost(ways)
+    cost += np.stack([_sunk_cost(transforms.apply(pose, ways.joints_mm)) for pose in poses])
+    cost += bench.rng.uniform(0.0, 3.0, cost.shape)
     best = np.unravel_index(int(np.argmin(cost)), cost.shape)
     return poses[best[0]], int(best[1])
 
@@ -203,15 +188,3 @@ def free_spots(bench: Bench, hand: Hand) -> list[tuple[float, float]]:
         apart = np.minimum(apart, np.linalg.norm(drawn - place, axis=-1))
     order = np.argsort(-np.minimum(apart, 95.0), kind="stable")[:8]
     return [(float(x), float(z)) for x, z in drawn[order]]
-
-
-def _joints_mm(
-    bench: Bench,
-    hand: Hand,
-    T_frame_from_wrist: Float64[np.ndarray, "*batch 4 4"],
-    angles_rad: Float64[np.ndarray, "20"],
-) -> Float64[np.ndarray, "*batch 21 3"]:
-    """The joints of a hand that is bent in one way at many places."""
-    local = bench.joints_mm(hand, np.eye(4), angles_rad)
-    rotated = local @ np.swapaxes(T_frame_from_wrist[..., :3, :3], -1, -2)
-    return np.asarray(rotated + T_frame_from_wrist[..., None, :3, 3])
