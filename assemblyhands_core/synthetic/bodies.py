@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from jaxtyping import Float32, Int32
 
+from assemblyhands_core.synthetic.coverage import LightMap, ShadowMap
 from assemblyhands_core.synthetic.materials import NO_TEXTURE, Texture
 from assemblyhands_core.synthetic.surfaces import Surfaces
 
@@ -100,6 +101,17 @@ class Scene:
     def moving_surfaces(self) -> Surfaces:
         """The moving bodies as one mesh, made once for all views of the instant."""
         return merged(self.moving)
+
+    @cached_property
+    def shadow_maps(self) -> tuple[ShadowMap, ...]:
+        """Where the shadows of the moving bodies lie, for each light; made once for all views of the instant.
+
+        The maps' axes point to the static bodies, so that they are the same for all scenes of a recording.
+        """
+        middles = [body.vertices_mm.mean(axis=0) for body in self.static] or [np.zeros(3)]
+        target = np.stack(middles).mean(axis=0, dtype=np.float64)
+        maps = (LightMap.towards(light.position_mm, light.radius_mm, target) for light in self.lights)
+        return tuple(ShadowMap.of(around, self.moving_surfaces) for around in maps)
 
 
 def merged(bodies: Sequence[Body]) -> Surfaces:

@@ -13,7 +13,8 @@ from assemblyhands_core.synthetic.compiled import compiled
 from assemblyhands_core.synthetic.lens_rays import LensRays
 from assemblyhands_core.synthetic.surfaces import MISS, Hits, Surfaces
 
-_BOW = 1 / 16  # how far the image of a long edge may bow between its ends under distortion, as a share of its length
+_BOW = 1 / 4  # how far the image of an edge may bow, as a share of length² / focal: twice that of a circle through it
+_MARGIN_PX = 0.02
 
 
 def cast_at(
@@ -33,7 +34,8 @@ def cast_at(
     vertices = camera.to_camera(surfaces.vertices_mm.astype(np.float64))
     faces = np.full(distances_mm.shape, MISS, dtype=np.int32)
     images = camera.project_camera(vertices)
-    top, bottom = _meet(vertices, images, surfaces.faces, lens.rays, distances_mm, faces)
+    bow = _BOW / min(camera.fx_px, camera.fy_px)
+    top, bottom = _meet(vertices, images, surfaces.faces, bow, lens.rays, distances_mm, faces)
     seen = np.flatnonzero(faces[top:bottom] != MISS)
     pixels = (seen + top * camera.width_px).astype(np.int32)
     hit = faces.ravel()[pixels]
@@ -46,6 +48,7 @@ def _meet(
     vertices: Float64[np.ndarray, "vertex 3"],
     images: Float64[np.ndarray, "vertex 2"],
     faces: Int32[np.ndarray, "face 3"],
+    bow: float,
     rays: Float32[np.ndarray, "height width 3"],
     distances: Float32[np.ndarray, "height width"],
     seen: Int32[np.ndarray, "height width"],
@@ -77,9 +80,10 @@ def _meet(
             left, right, top, bottom = min(left, x), max(right, x), min(top, y), max(bottom, y)
         if missing == 3:
             continue
-        margin = 1.0 if missing else 1.0 + (right - left + bottom - top) * _BOW
-        x0, x1 = int(max(left - margin, 0.0)), int(min(right + margin, width - 1.0))
-        y0, y1 = int(max(top - margin, 0.0)), int(min(bottom + margin, height - 1.0))
+        wide, high = min(right - left, 1.0 * width), min(bottom - top, 1.0 * height)
+        margin = _MARGIN_PX + (wide * wide + high * high) * bow
+        x0, x1 = int(np.ceil(max(left - margin, 0.0))), int(min(right + margin, width - 1.0))
+        y0, y1 = int(np.ceil(max(top - margin, 0.0))), int(min(bottom + margin, height - 1.0))
         if x1 < x0 or y1 < y0:
             continue
         first_row, last_row = min(first_row, y0), max(last_row, y1)

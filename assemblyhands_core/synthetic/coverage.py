@@ -6,7 +6,7 @@ The answer errs to the safe side: a tile too many costs some rays, a tile too fe
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float32, Float64, Int32, Int64, UInt8, UInt16
+from jaxtyping import Bool, Float32, Float64, Int32, Int64, UInt8
 
 from assemblyhands_core.synthetic.compiled import compiled
 from assemblyhands_core.synthetic.surfaces import FAR_MM, Surfaces
@@ -15,9 +15,19 @@ TILE_PX = 8
 _CELLS = 512  # of the map of directions around a light, per side: 0.7° each
 
 
-def num_tiles(width_px: int, height_px: int) -> tuple[int, int]:
+def num_tiles(height_px: int, width_px: int) -> tuple[int, int]:
     """Return rows and columns of tiles."""
     return -(-height_px // TILE_PX), -(-width_px // TILE_PX)
+
+
+def tile_samples(shape: tuple[int, ...]) -> Int32[np.ndarray, " sample"]:
+    """Return nine pixels of each tile of a picture, as flat indices."""
+    height, width = shape
+    rows, columns = num_tiles(height, width)
+    inside = np.array([0, TILE_PX // 2, TILE_PX - 1], dtype=np.int32)
+    y = np.minimum(np.arange(rows, dtype=np.int32)[:, None] * TILE_PX + inside, height - 1)
+    x = np.minimum(np.arange(columns, dtype=np.int32)[:, None] * TILE_PX + inside, width - 1)
+    return np.asarray((y[:, None, :, None] * width + x[None, :, None, :]).ravel())
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,55 +56,97 @@ class LightMap:
         return LightMap(np.array(position_mm), radius_mm, np.stack((side, np.cross(forward, side), forward)))
 
     def spans(
-        self, points_mm: Float32[np.ndarray, "row column sample 3"], known: Bool[np.ndarray, "row column sample"]
+        self, positions_mm: Float32[np.ndarray, "sample 3"], distances_mm: Float32[np.ndarray, "height width"]
     ) -> Float32[np.ndarray, "row column 5"]:
-        """Return for tiles of receiving points the cells they span (left, top, right, bottom) and the largest distance.
+        """Return for each tile of a picture the cells that the points in it span and their largest distance.
 
-        A tile without known points spans nothing (right < left).
+        Args:
+            positions_mm: What the pixels of `tile_samples` show.
+            distances_mm: Of the picture; tiles that show nothing span nothing (right < left).
+
+        Returns:
+            Left, top, right, bottom, in cells, and the distance in mm from the light.
         """
-        cells, distances = self._cells(points_mm)
-        lower = np.where(known[..., None], cells, np.inf).min(axis=2)
-        upper = np.where(known[..., None], cells, -np.inf).max(axis=2)
-        margin = 0.5 + 0.15 * np.maximum(upper - lower, 0.0)
-        farthest = np.where(known, distances, 0.0).max(axis=2)
-        return np.concatenate((lower - margin, upper + margin, farthest[..., None]), axis=-1).astype(np.float32)
+        cells, distances = self.cells(positions_mm)
+        is_shown = distances_mm.ravel()[tile_samples(distances_mm.shape)] < FAR_MM
+        return _spans(cells, distances, is_shown, *num_tiles(*distances_mm.shape))
 
-    def shadow_tiles(
-        self, surfaces: Surfaces, spans: Float32[np.ndarray, "row column 5"]
-    ) -> Bool[np.ndarray, "row column"]:
-        """Return the tiles with receiving points that the surfaces may keep some of the light from."""
-        if not len(surfaces.faces):
-            return np.zeros(spans.shape[:2], dtype=bool)
-        cells, distances = self._cells(surfaces.vertices_mm)
-        marked = np.zeros((_CELLS, _CELLS), dtype=np.uint8)
-        _mark_cells(cells.astype(np.float32), surfaces.faces, marked)
-        total = np.zeros((_CELLS + 1, _CELLS + 1), dtype=np.int64)
-        total[1:, 1:] = marked.cumsum(axis=0, dtype=np.int64).cumsum(axis=1)
-        near = max(float(distances.min()), 1.0)
-        return _meets(total, spans, self.radius_mm, near)
-
-    def _cells(
-        self, points_mm: Float32[np.ndarray, "*batch 3"]
-    ) -> tuple[Float64[np.ndarray, "*batch 2"], Float64[np.ndarray, "*batch"]]:
+    def cells(
+        self, points_mm: Float32[np.ndarray, "point 3"]
+    ) -> tuple[Float32[np.ndarray, "point 2"], Float32[np.ndarray, " point"]]:
         """Return where points lie on the map and how far they are."""
-        local = (points_mm - self.position_mm) @ self.rotation.T
-        across = np.hypot(local[..., 0], local[..., 1])
-        angle = np.arctan2(across, local[..., 2])
-        plane = local[..., :2] * (angle / np.maximum(across, 1e-9))[..., None]
-        return (plane / np.pi + 1) * (_CELLS / 2), np.hypot(across, local[..., 2])
+        return _cells(points_mm, self.position_mm, self.rotation)
 
 
-def tile_samples(
-    distances_mm: Float32[np.ndarray, "height width"],
-) -> tuple[Int32[np.ndarray, "row column 9"], Bool[np.ndarray, "row column 9"]]:
-    """Return nine pixels of each tile as flat indices, and whether they show any surface."""
-    height, width = distances_mm.shape
-    rows, columns = num_tiles(width, height)
-    inside = np.array([0, TILE_PX // 2, TILE_PX - 1])
-    y = np.minimum(np.arange(rows)[:, None] * TILE_PX + inside, height - 1)
-    x = np.minimum(np.arange(columns)[:, None] * TILE_PX + inside, width - 1)
-    flat = (y[:, None, :, None] * width + x[None, :, None, :]).reshape(rows, columns, 9).astype(np.int32)
-    return flat, distances_mm.ravel()[flat] < FAR_MM
+@dataclass(frozen=True, eq=False)
+class ShadowMap:
+    """Where around a light the shadows of some surfaces lie; made once for all views of an instant.
+
+    Attributes:
+        around: The map of directions.
+        covered: Sums over all cells above and left of each cell's corner: how many of them the surfaces touch.
+        nearest_mm: Of the surfaces to the light.
+    """
+
+    around: LightMap
+    covered: Int64[np.ndarray, "row column"]
+    nearest_mm: float
+
+    @staticmethod
+    def of(around: LightMap, surfaces: Surfaces) -> "ShadowMap":
+        """Return the shadows of surfaces."""
+        covered = np.zeros((_CELLS + 1, _CELLS + 1), dtype=np.int64)
+        if not len(surfaces.faces):
+            return ShadowMap(around, covered, 1.0)
+        cells, distances = around.cells(surfaces.vertices_mm)
+        marked = np.zeros((_CELLS, _CELLS), dtype=np.uint8)
+        _mark_cells(cells, surfaces.faces, marked)
+        covered[1:, 1:] = marked.cumsum(axis=0, dtype=np.int64).cumsum(axis=1)
+        return ShadowMap(around, covered, max(float(distances.min()), 1.0))
+
+    def tiles(self, spans: Float32[np.ndarray, "row column 5"]) -> Bool[np.ndarray, "row column"]:
+        """Return which tiles, by their spans, show points that the surfaces may keep some of the light from."""
+        return _meets(self.covered, spans, self.around.radius_mm, self.nearest_mm)
+
+
+@compiled
+def _cells(
+    points: Float32[np.ndarray, "point 3"], light: Float64[np.ndarray, "3"], rotation: Float64[np.ndarray, "3 3"]
+) -> tuple[Float32[np.ndarray, "point 2"], Float32[np.ndarray, " point"]]:
+    cells, distances = np.empty((len(points), 2), np.float32), np.empty(len(points), np.float32)
+    for i in range(len(points)):
+        px, py, pz = points[i, 0] - light[0], points[i, 1] - light[1], points[i, 2] - light[2]
+        x = rotation[0, 0] * px + rotation[0, 1] * py + rotation[0, 2] * pz
+        y = rotation[1, 0] * px + rotation[1, 1] * py + rotation[1, 2] * pz
+        z = rotation[2, 0] * px + rotation[2, 1] * py + rotation[2, 2] * pz
+        across = np.sqrt(x * x + y * y)
+        scale = np.arctan2(across, z) / max(across, 1e-9)
+        cells[i, 0], cells[i, 1] = (x * scale / np.pi + 1) * (_CELLS / 2), (y * scale / np.pi + 1) * (_CELLS / 2)
+        distances[i] = np.sqrt(across * across + z * z)
+    return cells, distances
+
+
+@compiled
+def _spans(
+    cells: Float32[np.ndarray, "sample 2"],
+    distances: Float32[np.ndarray, " sample"],
+    is_shown: Bool[np.ndarray, " sample"],
+    rows: int,
+    columns: int,
+) -> Float32[np.ndarray, "row column 5"]:
+    spans = np.empty((rows, columns, 5), np.float32)
+    per_tile = len(cells) // (rows * columns)
+    for tile in range(rows * columns):
+        left, top, right, bottom, far = np.inf, np.inf, -np.inf, -np.inf, 0.0
+        for i in range(tile * per_tile, (tile + 1) * per_tile):
+            if is_shown[i]:
+                left, right = min(left, cells[i, 0]), max(right, cells[i, 0])
+                top, bottom = min(top, cells[i, 1]), max(bottom, cells[i, 1])
+                far = max(far, distances[i])
+        wide, high = 0.5 + 0.15 * max(right - left, 0.0), 0.5 + 0.15 * max(bottom - top, 0.0)
+        span = spans[tile // columns, tile % columns]
+        span[0], span[1], span[2], span[3], span[4] = left - wide, top - high, right + wide, bottom + high, far
+    return spans
 
 
 @compiled
@@ -131,24 +183,3 @@ def _meets(
             x1, y1 = min(max(int(right + blur) + 1, 0), last), min(max(int(bottom + blur) + 1, 0), last)
             met[row, column] = total[y1, x1] - total[y0, x1] - total[y1, x0] + total[y0, x0] > 0
     return met
-
-
-@compiled
-def lit_pixels(
-    tiles: Bool[np.ndarray, "row column"],
-    direct: UInt16[np.ndarray, "height width 3"],
-    is_covered: UInt8[np.ndarray, "height width"],
-) -> Int32[np.ndarray, " pixel"]:
-    """Return the flat indices of the pixels of tiles that get light and are not covered, tile by tile."""
-    height, width = is_covered.shape
-    pixels = np.empty(np.sum(tiles) * TILE_PX * TILE_PX, np.int32)
-    count = 0
-    for row in range(tiles.shape[0]):
-        for column in range(tiles.shape[1]):
-            if tiles[row, column]:
-                for y in range(row * TILE_PX, min((row + 1) * TILE_PX, height)):
-                    for x in range(column * TILE_PX, min((column + 1) * TILE_PX, width)):
-                        if not is_covered[y, x] and (direct[y, x, 0] or direct[y, x, 1] or direct[y, x, 2]):
-                            pixels[count] = y * width + x
-                            count += 1
-    return pixels[:count]

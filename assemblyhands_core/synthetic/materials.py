@@ -43,6 +43,9 @@ class Texture:
         return [1.0 + get_args(Pattern).index(self.pattern), self.scale_mm, self.contrast, *self.accent, *shift]
 
 
+_RANDOM = np.random.default_rng(0).random(4096).astype(np.float32)
+_MASK = len(_RANDOM) - 1
+
 NO_TEXTURE = [0.0] * 9
 """The row of a body of one colour."""
 
@@ -115,18 +118,11 @@ def _noise(x: float, y: float, z: float) -> float:
     column, row, layer = int(np.floor(x)), int(np.floor(y)), int(np.floor(z))
     x, y, z = x - column, y - row, z - layer
     x, y, z = x * x * (3 - 2 * x), y * y * (3 - 2 * y), z * z * (3 - 2 * z)
+    a, b = column * 73856093, (column + 1) * 73856093  # mixed as by Teschner et al., "Optimized spatial hashing", 2003
     value = 0.0
-    for corner in range(8):
-        a, b, c = corner & 1, (corner >> 1) & 1, corner >> 2
-        weight = (x if a else 1 - x) * (y if b else 1 - y) * (z if c else 1 - z)
-        value += weight * _random(column + a, row + b, layer + c)
-    return value
-
-
-@compiled
-def _random(column: int, row: int, layer: int) -> float:
-    """Return a number in 0..1 that depends on an integer point only."""
-    bits = (column * 73856093) ^ (row * 19349663) ^ (layer * 83492791)
-    bits = ((bits ^ (bits >> 13)) * 1274126177) & 0x7FFFFFFF
-    bits = ((bits ^ (bits >> 15)) * 668265263) & 0x7FFFFFFF
-    return float((bits ^ (bits >> 16)) & 0xFFFFFF) / 16777215.0
+    for corner in range(4):
+        down, deep = corner & 1, corner >> 1
+        line = ((row + down) * 19349663) ^ ((layer + deep) * 83492791)
+        left, right = _RANDOM[(a ^ line) & _MASK], _RANDOM[(b ^ line) & _MASK]
+        value += (left + x * (right - left)) * (y if down else 1 - y) * (z if deep else 1 - z)
+    return float(value)

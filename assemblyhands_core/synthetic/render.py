@@ -7,21 +7,22 @@ The same scene, sensor and frame seed give the same bytes, whatever else is draw
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import cv2
 import numpy as np
-from jaxtyping import Float32, Int32, UInt8, UInt16
+from jaxtyping import Bool, Float32, Int32, UInt8, UInt16
 
 from assemblyhands_core.geometry.cameras import Camera
-from assemblyhands_core.synthetic.background import BackgroundCache, StaticView, static_view
+from assemblyhands_core.synthetic.background import BackgroundCache
 from assemblyhands_core.synthetic.bodies import BACKGROUND_ID, Body, Light, Scene
-from assemblyhands_core.synthetic.casting import cast_at
 from assemblyhands_core.synthetic.compiled import compiled
+from assemblyhands_core.synthetic.coverage import TILE_PX
 from assemblyhands_core.synthetic.materials import Texture
-from assemblyhands_core.synthetic.sensor import Sensor, quantised
-from assemblyhands_core.synthetic.shading import pixel_rad, shade
-from assemblyhands_core.synthetic.shadows import LampView
+from assemblyhands_core.synthetic.sensor import Sensor
+from assemblyhands_core.synthetic.shading import collect
+from assemblyhands_core.synthetic.shadows import BLOCK_PX, LampView
+from assemblyhands_core.synthetic.surfaces import Surfaces
+from assemblyhands_core.synthetic.views import View, complete_view, see_moving
 
 __all__ = [
     "BACKGROUND_ID",
@@ -57,6 +58,7 @@ def render(
     sensor: Sensor,
     frame_seed: int,
     background_cache: BackgroundCache | None = None,
+    is_fixed: bool = True,
 ) -> Rendered:
     """Take the picture of a scene by a camera.
 
@@ -65,10 +67,20 @@ def render(
         camera: With its true lens, at its pose at this instant.
         sensor: Of this camera.
         frame_seed: Number of the frame; with the scene's seed and the camera's name it determines the noise.
-        background_cache: One per recording: spares casting again what does not move, for cameras that do not either.
+        background_cache: One per recording: spares casting again what does not move.
+        is_fixed: Whether the camera does not move either; False for those of a headset.
     """
     cache = background_cache or BackgroundCache()
-    return _take(scene, cache.view(scene, camera), cache, sensor, frame_seed)
+    if not is_fixed or background_cache is None:
+        return _take(scene, cache, camera, sensor, frame_seed)
+    static = cache.view(scene, camera)
+    view, is_changed = _with_moving(static, scene, cache.surfaces(scene))
+    noise = sensor.noise_of(camera, scene.seed, frame_seed)
+    image = noise.expose(static.encoded(sensor))
+    changed = cv2.dilate(is_changed, np.ones((3, 3), np.uint8))  # the blur of the lens reaches that far
+    pixels = np.flatnonzero(changed).astype(np.int32)
+    noise.expose_pixels(sensor.encode(view.linear, pixels, camera), pixels, image)
+    return Rendered(image[..., 0] if sensor.is_mono else image, view.ids)
 
 
 def render_crops(
@@ -86,64 +98,47 @@ def render_crops(
         cameras: Pinholes from `crop_camera`, or any others.
         sensors: One per camera.
         frame_seed: See `render`.
-        background_cache: Keeps only the mesh of what does not move.
+        background_cache: Keeps the mesh of what does not move.
     """
     cache = background_cache or BackgroundCache()
-    surfaces = cache.surfaces(scene)
-    views = (static_view(scene, surfaces, camera) for camera in cameras)
-    return [_take(scene, view, cache, sensor, frame_seed) for view, sensor in zip(views, sensors, strict=True)]
+    pairs = zip(cameras, sensors, strict=True)
+    return [_take(scene, cache, camera, sensor, frame_seed) for camera, sensor in pairs]
 
 
-def _take(scene: Scene, view: StaticView, cache: BackgroundCache, sensor: Sensor, frame_seed: int) -> Rendered:
-    canvas = _Canvas.of(view)
-    encoded = view.encoded(sensor)
-    if scene.moving:
-        _draw_moving(canvas, scene, view, cache)
-        encoded = encoded.copy()
-        changed = cv2.dilate(canvas.is_changed, np.ones((3, 3), np.uint8))  # the blur of the lens reaches that far
-        sensor.encode(canvas.linear, np.flatnonzero(changed).astype(np.int32), encoded, view.camera)
-    image = sensor.expose(encoded, view.camera.camera_id, scene.seed, frame_seed)
-    return Rendered(image[..., 0] if sensor.is_mono else image, canvas.ids)
+def _take(scene: Scene, cache: BackgroundCache, camera: Camera, sensor: Sensor, frame_seed: int) -> Rendered:
+    view = complete_view(scene, cache.surfaces(scene), camera)
+    image = sensor.noise_of(camera, scene.seed, frame_seed).expose(view.encoded(sensor))
+    return Rendered(image[..., 0] if sensor.is_mono else image, view.ids)
 
 
-@dataclass(frozen=True, eq=False)
-class _Canvas:
-    """A picture that is being drawn on."""
-
-    ids: UInt8[np.ndarray, "height width"]
-    distances_mm: Float32[np.ndarray, "height width"]
-    linear: UInt16[np.ndarray, "height width 3"]
-    is_changed: UInt8[np.ndarray, "height width"]
-
-    @staticmethod
-    def of(view: StaticView) -> "_Canvas":
-        return _Canvas(view.ids.copy(), view.distances_mm.copy(), view.linear.copy(), np.zeros_like(view.ids))
-
-
-def _draw_moving(canvas: _Canvas, scene: Scene, view: StaticView, cache: BackgroundCache) -> None:
-    surfaces, camera = scene.moving_surfaces, view.camera
-    pixels, hits = cast_at(camera, view.lens, surfaces, canvas.distances_mm)
-    shaded = shade(scene, surfaces, camera, view.lens.world(camera, pixels), hits)
-    canvas.ids.ravel()[pixels] = surfaces.ids(hits.faces)
-    canvas.is_changed.ravel()[pixels] = 1
-    light = shaded.terms[:, 0].copy()
-    is_moving = canvas.is_changed.copy()
-    guide = canvas.ids, canvas.distances_mm, pixel_rad(camera)
-    for index, lamp in enumerate(scene.lights):
-        lit = LampView.empty(lamp, canvas.ids.shape)
-        lit.ask((surfaces, cache.surfaces(scene)), pixels, shaded.positions_mm.__getitem__, shaded.normals)
-        if lamp.casts_shadow:
-            receivers = view.receivers(scene, index, is_moving)
-            lit.ask((surfaces,), receivers, partial(_positions_mm, view, receivers))
-            _darken(canvas.linear, view.direct[index], receivers, lit.shares(receivers, *guide), canvas.is_changed)
-        light += lit.shares(pixels, *guide)[:, None] * shaded.terms[:, 1 + index]
-    canvas.linear.reshape(-1, 3)[pixels] = quantised(light)
+def _with_moving(
+    static: View, scene: Scene, static_surfaces: Surfaces
+) -> tuple[View, UInt8[np.ndarray, "height width"]]:
+    """Return the view with the moving bodies of a scene and their shadows, and which pixels they changed."""
+    view, surfaces = static.copy(), scene.moving_surfaces
+    pixels, shaded = see_moving(view, scene)
+    is_changed = np.zeros(view.ids.shape, dtype=np.uint8)
+    is_changed.ravel()[pixels] = 1
+    is_static = is_changed == 0
+    shares = np.ones((len(scene.lights), len(pixels)), dtype=np.float32)
+    for index, light in enumerate(scene.lights):
+        if light.casts_shadow and scene.moving:
+            lamp = LampView.empty(light, view.ids.shape)
+            lamp.ask((surfaces, static_surfaces), pixels, shaded.positions_mm, shaded.normals)
+            area = _blocks(static.shadow_tiles(scene, index), lamp.blocks.shape)
+            darker = lamp.ask_area((surfaces,), area, is_static & static.is_lit(index), static.positions_mm)
+            _darken(view.linear, static.direct[index], darker, view.shares(lamp, darker), is_changed)
+            shares[index] = view.shares(lamp, pixels)
+    collect(pixels, shaded.terms, shares, view.linear, view.direct)
+    return view, is_changed
 
 
-def _positions_mm(
-    view: StaticView, pixels: Int32[np.ndarray, " pixel"], asked: Int32[np.ndarray, " asked"]
-) -> Float32[np.ndarray, "asked 3"]:
-    return view.positions_mm(pixels[asked])
+def _blocks(
+    tiles: Bool[np.ndarray, "row column"], shape: tuple[int, ...]
+) -> Bool[np.ndarray, "block_row block_column"]:
+    """Return the blocks of shadow rays that lie in tiles."""
+    factor = TILE_PX // BLOCK_PX
+    return tiles.repeat(factor, axis=0).repeat(factor, axis=1)[: shape[0], : shape[1]]
 
 
 @compiled

@@ -9,9 +9,7 @@ from jaxtyping import Float32, Int16, Int32, Int64, UInt8, UInt16
 
 from assemblyhands_core.geometry.cameras import Camera
 from assemblyhands_core.synthetic.compiled import compiled
-
-WHITE = 16384
-"""Linear pictures are 16-bit numbers in which a fully lit white surface is this: highlights go up to 4 times more."""
+from assemblyhands_core.synthetic.shading import WHITE
 
 _FINE = 64  # steps of encoded pictures per grey level
 _NOISE_SAMPLES = 1 << 18
@@ -61,28 +59,43 @@ class Sensor:
         return 1 if self.is_mono else 3
 
     def encode(
-        self,
-        linear: UInt16[np.ndarray, "height width 3"],
-        pixels: Int32[np.ndarray, " pixel"],
-        encoded: UInt16[np.ndarray, "height width channel"],
-        camera: Camera,
-    ) -> None:
-        """Write what the camera makes of some pixels of a linear picture, without noise, into `encoded`."""
+        self, linear: UInt16[np.ndarray, "height width 3"], pixels: Int32[np.ndarray, " pixel"], camera: Camera
+    ) -> UInt16[np.ndarray, "pixel channel"]:
+        """Return what the camera makes of some pixels (flat indices) of a linear picture, before noise."""
         optics = np.array([camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px], dtype=np.float32)
-        _encode(linear, pixels, self.blur, self.vignetting, optics, _curves(self), self.is_mono, encoded)
+        return _encode(linear, pixels, self.blur, self.vignetting, optics, _curves(self), self.is_mono)
 
-    def expose(
-        self, encoded: UInt16[np.ndarray, "height width channel"], camera_id: str, seed: int, frame: int
-    ) -> UInt8[np.ndarray, "height width channel"]:
-        """Add the noise of one frame and round."""
-        generator = np.random.default_rng([seed, zlib.crc32(camera_id.encode()), 2, frame])
-        starts = generator.integers(0, _NOISE_SAMPLES, len(encoded), dtype=np.int64)
-        return _expose(encoded, starts, _noise(self.noise, encoded.shape[1] * encoded.shape[2]))
+    def noise_of(self, camera: Camera, seed: int, frame: int) -> "Noise":
+        """Return the noise of one frame."""
+        generator = np.random.default_rng([seed, zlib.crc32(camera.camera_id.encode()), 2, frame])
+        starts = generator.integers(0, _NOISE_SAMPLES, camera.height_px, dtype=np.int64)
+        return Noise(starts, _noise_samples(self.noise, camera.width_px * self.num_channels))
 
 
-def quantised(linear: Float32[np.ndarray, "*batch"]) -> UInt16[np.ndarray, "*batch"]:
-    """Return linear light as the 16-bit numbers of linear pictures."""
-    return np.asarray(np.minimum(linear * np.float32(WHITE) + np.float32(0.5), np.float32(65535)).astype(np.uint16))
+@dataclass(frozen=True, eq=False)
+class Noise:
+    """What is added to a picture.
+
+    Attributes:
+        starts: Where each row begins in the samples.
+        samples: Of all rows.
+    """
+
+    starts: Int64[np.ndarray, " height"]
+    samples: Int16[np.ndarray, " sample"]
+
+    def expose(self, encoded: UInt16[np.ndarray, "height width channel"]) -> UInt8[np.ndarray, "height width channel"]:
+        """Add the noise to a picture and round."""
+        return _expose(encoded, self.starts, self.samples)
+
+    def expose_pixels(
+        self,
+        encoded: UInt16[np.ndarray, "pixel channel"],
+        pixels: Int32[np.ndarray, " pixel"],
+        image: UInt8[np.ndarray, "height width channel"],
+    ) -> None:
+        """Put some pixels (flat indices) into a picture, with noise and rounded."""
+        _expose_pixels(encoded, pixels, self.starts, self.samples, image)
 
 
 @lru_cache(64)
@@ -96,7 +109,7 @@ def _curves(sensor: Sensor) -> UInt16[np.ndarray, "3 65536"]:
 
 
 @lru_cache(64)
-def _noise(deviation: float, row_length: int) -> Int16[np.ndarray, " sample"]:
+def _noise_samples(deviation: float, row_length: int) -> Int16[np.ndarray, " sample"]:
     """Return noise for rows that start anywhere in it; always the same, as the starts are drawn for every frame."""
     samples = np.random.default_rng(0).normal(0, deviation * _FINE, _NOISE_SAMPLES)
     repeats = 1 + -(-row_length // _NOISE_SAMPLES)
@@ -113,44 +126,59 @@ def _encode(
     optics: Float32[np.ndarray, "4"],
     curves: UInt16[np.ndarray, "3 65536"],
     is_mono: bool,
-    encoded: UInt16[np.ndarray, "height width channel"],
-) -> None:
+) -> UInt16[np.ndarray, "pixel channel"]:
     height, width, _ = linear.shape
-    side = np.float32(blur)
-    middle = np.float32(1 - 2 * blur)
-    values = np.empty(3, np.float32)
+    encoded = np.empty((len(pixels), 1 if is_mono else 3), np.uint16)
+    corner, side, middle = blur * blur, blur * (1 - 2 * blur), (1 - 2 * blur) ** 2
     for i in range(len(pixels)):
         row, column = pixels[i] // width, pixels[i] % width
         up, down = max(row - 1, 0), min(row + 1, height - 1)
         left, right = max(column - 1, 0), min(column + 1, width - 1)
         x, y = (column - optics[2]) / optics[0], (row - optics[3]) / optics[1]
-        light = np.float32(1) / (np.float32(1) + np.float32(vignetting) * (x * x + y * y))
+        light = 1 / (1 + vignetting * (x * x + y * y))
+        grey = 0.0
         for k in range(3):
-            above = side * (linear[up, left, k] + linear[up, right, k]) + middle * linear[up, column, k]
-            own = side * (linear[row, left, k] + linear[row, right, k]) + middle * linear[row, column, k]
-            below = side * (linear[down, left, k] + linear[down, right, k]) + middle * linear[down, column, k]
-            values[k] = (side * (above + below) + middle * own) * light
+            corners = linear[up, left, k] + linear[up, right, k] + linear[down, left, k] + linear[down, right, k]
+            sides = linear[up, column, k] + linear[down, column, k] + linear[row, left, k] + linear[row, right, k]
+            value = (corner * corners + side * sides + middle * linear[row, column, k]) * light
+            if is_mono:
+                grey += _LUMINANCE[k] * value
+            else:
+                encoded[i, k] = curves[k, min(int(value + 0.5), 65535)]
         if is_mono:
-            value = _LUMINANCE[0] * values[0] + _LUMINANCE[1] * values[1] + _LUMINANCE[2] * values[2]
-            encoded[row, column, 0] = curves[0, min(int(value + np.float32(0.5)), 65535)]
-        else:
-            for k in range(3):
-                encoded[row, column, k] = curves[k, min(int(values[k] + np.float32(0.5)), 65535)]
+            encoded[i, 0] = curves[0, min(int(grey + 0.5), 65535)]
+    return encoded
 
 
 @compiled
 def _expose(
     encoded: UInt16[np.ndarray, "height width channel"],
     starts: Int64[np.ndarray, " height"],
-    noise: Int16[np.ndarray, " sample"],
+    samples: Int16[np.ndarray, " sample"],
 ) -> UInt8[np.ndarray, "height width channel"]:
     height, width, channels = encoded.shape
     image = np.empty((height, width, channels), np.uint8)
-    half = _FINE // 2
+    half = np.int32(_FINE // 2)
     for row in range(height):
-        values, out = encoded[row].reshape(-1), image[row].reshape(-1)
-        part = noise[starts[row] : starts[row] + width * channels]
+        values, rounded = encoded[row].reshape(-1), image[row].reshape(-1)
+        noise = samples[starts[row] : starts[row] + width * channels]
         for i in range(width * channels):
-            value = np.int32(values[i]) + np.int32(part[i]) + np.int32(half)
-            out[i] = min(max(value, np.int32(0)) // _FINE, np.int32(255))
+            value = np.int32(values[i]) + np.int32(noise[i]) + half
+            rounded[i] = min(max(value, np.int32(0)) // _FINE, np.int32(255))
     return image
+
+
+@compiled
+def _expose_pixels(
+    encoded: UInt16[np.ndarray, "pixel channel"],
+    pixels: Int32[np.ndarray, " pixel"],
+    starts: Int64[np.ndarray, " height"],
+    samples: Int16[np.ndarray, " sample"],
+    image: UInt8[np.ndarray, "height width channel"],
+) -> None:
+    _, width, channels = image.shape
+    for i in range(len(pixels)):
+        row, column = pixels[i] // width, pixels[i] % width
+        for k in range(channels):
+            value = np.int32(encoded[i, k]) + samples[starts[row] + column * channels + k] + _FINE // 2
+            image[row, column, k] = min(max(value, 0) // _FINE, 255)

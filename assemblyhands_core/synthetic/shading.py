@@ -1,10 +1,9 @@
 """How bright a point of a surface is: diffuse and glossy reflection of lamps and of the light from everywhere."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float32, Int32
+from jaxtyping import Float32, Int32, UInt16
 
 from assemblyhands_core.geometry.cameras import Camera
 from assemblyhands_core.synthetic.bodies import Scene
@@ -12,8 +11,15 @@ from assemblyhands_core.synthetic.compiled import compiled
 from assemblyhands_core.synthetic.materials import paint
 from assemblyhands_core.synthetic.surfaces import Hits, Surfaces
 
+WHITE = 16384
+"""Linear pictures are 16-bit numbers in which a fully lit white surface is this: highlights go up to 4 times more."""
+
 REFERENCE_MM = 1000.0
 """Where a lamp has its stated intensity."""
+
+_DIELECTRIC = 0.04  # what all that is no metal mirrors when seen straight on
+_AROUND, _TOWARDS_LAMPS = 0.72, 0.39  # light from everywhere: its mean, and how much more comes from the lamps' side
+_MIRRORED = 0.2  # the room seen in a mirror that does not show the lamps' side
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,12 +35,6 @@ class Shaded:
     positions_mm: Float32[np.ndarray, "point 3"]
     normals: Float32[np.ndarray, "point 3"]
     terms: Float32[np.ndarray, "point term 3"]
-
-    @staticmethod
-    def joined(parts: "Sequence[Shaded]") -> "Shaded":
-        """Join lists of points."""
-        fields = ([getattr(part, name) for part in parts] for name in ("positions_mm", "normals", "terms"))
-        return Shaded(*map(np.concatenate, fields))
 
 
 def shade(scene: Scene, surfaces: Surfaces, camera: Camera, rays: Float32[np.ndarray, "point 3"], hits: Hits) -> Shaded:
@@ -69,56 +69,73 @@ def _light_terms(
 ) -> Float32[np.ndarray, "point term 3"]:
     """Return the light that points send to the camera: from everywhere first, then from each lamp if not blocked.
 
-    Lambert's law for the diffuse part; Blinn and Phong's lobe, normalised, with Schlick's Fresnel term for gloss. The
-    surroundings are brighter on the side of the lamps.
+    Lambert's law for the diffuse part. The glossy part is a lobe around the half-way vector, normalised, in the form
+    of Schlick ("An inexpensive BRDF model", 1994), which needs no power, with his Fresnel term for the surroundings.
+    These are brighter on the side of the lamps.
     """
     terms = np.zeros((len(positions), 1 + len(lamps), 3), np.float32)
-    one = np.float32(1)
-    up = np.empty(3, np.float32)
+    middle_x, middle_y, middle_z = np.mean(lamps[:, 0]), np.mean(lamps[:, 1]), np.mean(lamps[:, 2])
     for i in range(len(positions)):
         shine, metal = gloss[bodies[i]], metallic[bodies[i]]
-        normal, ray = normals[i], rays[i]
-        length = np.float32(1e-9)
+        px, py, pz = positions[i, 0], positions[i, 1], positions[i, 2]
+        nx, ny, nz = normals[i, 0], normals[i, 1], normals[i, 2]
+        rx, ry, rz = rays[i, 0], rays[i, 1], rays[i, 2]
+        ux, uy, uz = middle_x - px, middle_y - py, middle_z - pz
+        scale = 1 / np.sqrt(ux * ux + uy * uy + uz * uz + 1e-9)
+        facing = -(nx * rx + ny * ry + nz * rz)
+        lift = (nx * ux + ny * uy + nz * uz) * scale
+        mirror = max((rx * ux + ry * uy + rz * uz) * scale + 2 * facing * lift, 0.0)
+        grazing = 1 - min(max(facing, 0.02), 1.0)
+        grazing *= grazing * grazing * grazing * grazing * shine * shine
+        around = _AROUND * (1 - metal) * (1 + _TOWARDS_LAMPS * lift)
+        reflected = (_MIRRORED + mirror * mirror) * (shine * shine + metal * (1 - shine * shine))
         for k in range(3):
-            up[k] = np.float32(0)
-            for lamp in range(len(lamps)):
-                up[k] += lamps[lamp, k] - positions[i, k]
-            length += up[k] * up[k]
-        length = np.sqrt(length)
-        facing = -(normal[0] * ray[0] + normal[1] * ray[1] + normal[2] * ray[2])
-        lift, mirror = np.float32(0), np.float32(0)
-        for k in range(3):
-            lift += normal[k] * up[k] / length
-            mirror += (ray[k] + 2 * facing * normal[k]) * up[k] / length
-        facing = min(max(facing, np.float32(0.02)), one)
-        grazing = (one - facing) ** 2
-        grazing = grazing * grazing * (one - facing)
-        smooth = shine * shine
-        seen = np.float32(0.2) + np.float32(1.1) * max(mirror, np.float32(0)) ** 2  # the room in the mirror
-        around = np.float32(0.72) + np.float32(0.28) * lift
-        for k in range(3):
-            straight = np.float32(0.04) + metal * (albedo[i, k] - np.float32(0.04))
-            fresnel = straight + (one - straight) * grazing * smooth
-            diffuse = albedo[i, k] * (one - metal)
-            terms[i, 0, k] = ambient[k] * (diffuse * around + fresnel * seen * (smooth + metal * (one - smooth)))
-        exponent = np.float32(2) ** (np.float32(1.5) + 8 * shine)
+            straight = _DIELECTRIC + metal * (albedo[i, k] - _DIELECTRIC)
+            fresnel = straight + (1 - straight) * grazing
+            terms[i, 0, k] = ambient[k] * (albedo[i, k] * around + fresnel * reflected)
+        exponent = 2.8 * np.exp(5.5 * shine)
         for lamp in range(len(lamps)):
-            x = lamps[lamp, 0] - positions[i, 0]
-            y = lamps[lamp, 1] - positions[i, 1]
-            z = lamps[lamp, 2] - positions[i, 2]
-            squared = x * x + y * y + z * z
-            distance = np.sqrt(squared)
-            x, y, z = x / distance, y / distance, z / distance
-            incident = x * normal[0] + y * normal[1] + z * normal[2]
+            lx, ly, lz = lamps[lamp, 0] - px, lamps[lamp, 1] - py, lamps[lamp, 2] - pz
+            incident = lx * nx + ly * ny + lz * nz
             if incident <= 0:
                 continue
-            hx, hy, hz = x - ray[0], y - ray[1], z - ray[2]
-            half = np.sqrt(hx * hx + hy * hy + hz * hz) + np.float32(1e-9)
-            cosine = max((hx * normal[0] + hy * normal[1] + hz * normal[2]) / half, np.float32(0))
-            lobe = cosine**exponent * (exponent + 8) / 8 * shine
-            falloff = incident * np.float32(REFERENCE_MM**2) / squared
+            squared = lx * lx + ly * ly + lz * lz
+            scale = 1 / np.sqrt(squared)
+            hx, hy, hz = lx * scale - rx, ly * scale - ry, lz * scale - rz
+            cosine = max((hx * nx + hy * ny + hz * nz) / np.sqrt(hx * hx + hy * hy + hz * hz + 1e-9), 0.0)
+            lobe = shine * (exponent + 8) / 8 * cosine / (exponent - exponent * cosine + cosine)
+            falloff = incident * scale * (REFERENCE_MM * REFERENCE_MM) / squared
             for k in range(3):
-                straight = np.float32(0.04) + metal * (albedo[i, k] - np.float32(0.04))
-                diffuse = albedo[i, k] * (one - metal)
-                terms[i, 1 + lamp, k] = lamps[lamp, 3 + k] * falloff * (diffuse + straight * lobe)
+                straight = _DIELECTRIC + metal * (albedo[i, k] - _DIELECTRIC)
+                terms[i, 1 + lamp, k] = lamps[lamp, 3 + k] * falloff * (albedo[i, k] * (1 - metal) + straight * lobe)
     return terms
+
+
+@compiled
+def collect(
+    pixels: Int32[np.ndarray, " point"],
+    terms: Float32[np.ndarray, "point term 3"],
+    shares: Float32[np.ndarray, "light point"],
+    linear: UInt16[np.ndarray, "height width 3"],
+    direct: UInt16[np.ndarray, "kept height width 3"],
+) -> None:
+    """Put the light that points send into a linear picture.
+
+    Args:
+        pixels: Flat indices.
+        terms: From `shade`.
+        shares: Of each light that reaches the points.
+        linear: See `WHITE`.
+        direct: Each light's part of it, for as many as there is room.
+    """
+    width = linear.shape[1]
+    for i in range(len(pixels)):
+        row, column = pixels[i] // width, pixels[i] % width
+        for k in range(3):
+            light = terms[i, 0, k]
+            for lamp in range(len(shares)):
+                part = terms[i, 1 + lamp, k] * shares[lamp, i]
+                light += part
+                if lamp < len(direct):
+                    direct[lamp, row, column, k] = min(int(part * WHITE + 0.5), 65535)
+            linear[row, column, k] = min(int(light * WHITE + 0.5), 65535)

@@ -7,20 +7,19 @@ is asked first; where it agrees with those of the blocks around, the others need
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
-from jaxtyping import Float32, Int32, UInt8
+from jaxtyping import Bool, Float32, Int32, UInt8
 
 from assemblyhands_core.synthetic.bodies import Light
 from assemblyhands_core.synthetic.compiled import compiled
 from assemblyhands_core.synthetic.surfaces import Surfaces
 
-Places = Callable[[Int32[np.ndarray, " asked"]], Float32[np.ndarray, "asked 3"]]
-"""The points that pixels show, in mm and a little off their surface, by their place in a list of pixels."""
+BLOCK_PX = 4
 
 _BLOCKED, _LIT, _UNKNOWN = 0, 1, 2  # what a pixel's ray found; unknown also where the surface faces away
 _SAW_BLOCKED, _SAW_LIT = 1, 2  # what the rays of a block found, as bits
-_PERIOD = 4
 _GAP_MM = 5.0  # neighbours further behind one another, plus some pixels' size, lie on different surfaces
 _NO_NORMALS = np.zeros((0, 3), np.float32)
 
@@ -31,8 +30,8 @@ class LampView:
 
     Attributes:
         lamp: It.
-        found: Of each pixel's own ray.
-        blocks: Of all rays in 4 × 4 pixels.
+        found: By each pixel's own ray.
+        blocks: By all rays in each block of pixels.
     """
 
     lamp: Light
@@ -42,28 +41,53 @@ class LampView:
     @staticmethod
     def empty(lamp: Light, shape: tuple[int, int]) -> "LampView":
         """Return the view of a picture of which no pixel has been asked."""
-        blocks = -(-shape[0] // _PERIOD), -(-shape[1] // _PERIOD)
+        blocks = -(-shape[0] // BLOCK_PX), -(-shape[1] // BLOCK_PX)
         return LampView(lamp, np.full(shape, _UNKNOWN, dtype=np.uint8), np.zeros(blocks, dtype=np.uint8))
 
     def ask(
         self,
         blockers: tuple[Surfaces, ...],
         pixels: Int32[np.ndarray, " point"],
-        places: Places,
-        normals: Float32[np.ndarray, "point 3"] | None = None,
+        positions_mm: Float32[np.ndarray, "point 3"],
+        normals: Float32[np.ndarray, "point 3"],
     ) -> None:
         """Find out what some pixels see of the lamp.
 
         Args:
             blockers: Asked one after the other, for the points that those before leave lit.
             pixels: Flat indices.
-            places: Of the points that they show.
-            normals: Points that face away from the lamp see nothing of it and cost no ray; None if all face it.
+            positions_mm: What they show, a little off the surface.
+            normals: Of the surface; points that face away from the lamp see nothing of it and cost no ray.
         """
-        if self.lamp.casts_shadow:
-            first, others = _one_per_block(pixels, self.found.shape[1])
-            self._cast(blockers, pixels, places, normals, first)
-            self._cast(blockers, pixels, places, normals, _undecided(pixels, others, self.found, self.blocks))
+        first, others = _one_per_block(pixels, self.found.shape[1])
+        self._cast(blockers, pixels[first], positions_mm[first], normals[first])
+        asked = others[_undecided(pixels[others], self.found, self.blocks)]
+        self._cast(blockers, pixels[asked], positions_mm[asked], normals[asked])
+
+    def ask_area(
+        self,
+        blockers: tuple[Surfaces, ...],
+        area: Bool[np.ndarray, "row column"],
+        is_shown: Bool[np.ndarray, "height width"],
+        positions_mm: Callable[[Int32[np.ndarray, " pixel"]], Float32[np.ndarray, "pixel 3"]],
+    ) -> Int32[np.ndarray, " pixel"]:
+        """Find out what the pixels in an area see of the lamp.
+
+        Args:
+            blockers: As for `ask`.
+            area: Blocks of pixels.
+            is_shown: Which pixels count; all of them have to face the lamp.
+            positions_mm: Returns what pixels show.
+
+        Returns:
+            Flat indices of those that may see less than all of it.
+        """
+        pixels = _area_pixels(area, is_shown, True)
+        self._cast(blockers, pixels, positions_mm(pixels), _NO_NORMALS)
+        disagree = _with_neighbours(self.blocks) == _SAW_BLOCKED + _SAW_LIT
+        pixels = _area_pixels(area & (disagree | (self.blocks == 0)), is_shown, False)
+        self._cast(blockers, pixels, positions_mm(pixels), _NO_NORMALS)
+        return _area_pixels(area & (_with_neighbours(self.blocks) & _SAW_BLOCKED > 0), is_shown, False)
 
     def shares(
         self,
@@ -82,32 +106,30 @@ class LampView:
             distances_mm: Of what the pixels show.
             pixel_rad: Angle between neighbouring rays.
         """
-        if not self.lamp.casts_shadow:
-            return np.ones(len(pixels), dtype=np.float32)
-        return _smoothed(pixels, self.found, self.blocks, ids, distances_mm, pixel_rad)
+        around = _with_neighbours(self.blocks)
+        return _smoothed(pixels, self.found, self.blocks, around, ids, distances_mm, pixel_rad)
 
     def _cast(
         self,
         blockers: tuple[Surfaces, ...],
-        pixels: Int32[np.ndarray, " point"],
-        places: Places,
-        normals: Float32[np.ndarray, "point 3"] | None,
-        asked: Int32[np.ndarray, " asked"],
+        pixels: Int32[np.ndarray, " asked"],
+        positions_mm: Float32[np.ndarray, "asked 3"],
+        normals: Float32[np.ndarray, "facing 3"],
     ) -> None:
         points = np.array(self.lamp.position_mm, dtype=np.float32) + _lamp_points(self.lamp.radius_mm)
-        facing = _NO_NORMALS if normals is None else normals
-        asked, origins, segments = _segments(places(asked), facing, pixels, asked, self.found.shape[1], points)
-        is_blocked = np.zeros(len(asked), dtype=bool)
+        pixels, origins, segments = _segments(pixels, positions_mm, normals, self.found.shape[1], points)
+        is_blocked = np.zeros(len(pixels), dtype=bool)
         for surfaces in blockers:
             free = np.flatnonzero(~is_blocked)
-            part = (origins, segments) if len(free) == len(asked) else (origins[free], segments[free])
+            part = (origins, segments) if len(free) == len(pixels) else (origins[free], segments[free])
             is_blocked[free] = surfaces.blocked(*part)
-        _note(pixels, asked, is_blocked.view(np.uint8), self.found, self.blocks)
+        _note(pixels, is_blocked, self.found, self.blocks)
 
 
+@lru_cache(16)
 def _lamp_points(radius_mm: float) -> Float32[np.ndarray, "16 3"]:
     """Return points spread evenly over a sphere around the origin, in an order that scatters neighbours."""
-    index = np.arange(_PERIOD**2)
+    index = np.arange(BLOCK_PX**2)
     z = (2 * index + 1) / len(index) - 1
     angle = index * np.pi * (3 - np.sqrt(5))
     points = np.stack((np.sqrt(1 - z**2) * np.cos(angle), np.sqrt(1 - z**2) * np.sin(angle), z), axis=-1)
@@ -116,16 +138,21 @@ def _lamp_points(radius_mm: float) -> Float32[np.ndarray, "16 3"]:
 
 
 @compiled
+def _is_first(row: int, column: int) -> bool:
+    """Tell whether a pixel is the one of its block that is asked first: not the same one in all blocks."""
+    across, down = (column // 4 + 2 * (row // 4)) % 4, (row // 4 + column // 8) % 4
+    return bool(column % 4 == across and row % 4 == down)
+
+
+@compiled
 def _one_per_block(
     pixels: Int32[np.ndarray, " point"], width: int
 ) -> tuple[Int32[np.ndarray, " first"], Int32[np.ndarray, " other"]]:
-    """Split a list of pixels, by place: one of each 4 × 4 block, not always the same one, and the others."""
+    """Split a list of pixels, by place, into those asked first and the others."""
     first, others = np.empty(len(pixels), np.int32), np.empty(len(pixels), np.int32)
     num_first, num_others = 0, 0
     for i in range(len(pixels)):
-        row, column = pixels[i] // width, pixels[i] % width
-        across, down = (column // 4 + 2 * (row // 4)) % 4, (row // 4 + column // 8) % 4
-        if column % 4 == across and row % 4 == down:
+        if _is_first(pixels[i] // width, pixels[i] % width):
             first[num_first] = i
             num_first += 1
         else:
@@ -135,74 +162,90 @@ def _one_per_block(
 
 
 @compiled
-def _around(blocks: UInt8[np.ndarray, "row column"], row: int, column: int) -> int:
-    """Return what the rays of a block and of those around it found."""
-    seen = 0
-    for y in range(max(row - 1, 0), min(row + 2, blocks.shape[0])):
-        for x in range(max(column - 1, 0), min(column + 2, blocks.shape[1])):
-            seen |= blocks[y, x]
+def _area_pixels(
+    area: Bool[np.ndarray, "row column"], is_shown: Bool[np.ndarray, "height width"], only_first: bool
+) -> Int32[np.ndarray, " pixel"]:
+    """Return the flat indices of the pixels of blocks that count, block by block so that rays stay together."""
+    height, width = is_shown.shape
+    pixels = np.empty(np.sum(area) * 16, np.int32)
+    count = 0
+    for row in range(area.shape[0]):
+        for column in range(area.shape[1]):
+            if area[row, column]:
+                for y in range(4 * row, min(4 * row + 4, height)):
+                    for x in range(4 * column, min(4 * column + 4, width)):
+                        if is_shown[y, x] and (not only_first or _is_first(y, x)):
+                            pixels[count] = y * width + x
+                            count += 1
+    return pixels[:count]
+
+
+@compiled
+def _with_neighbours(blocks: UInt8[np.ndarray, "row column"]) -> UInt8[np.ndarray, "row column"]:
+    """Return what the rays of blocks and of those around them found."""
+    rows, columns = blocks.shape
+    seen = np.zeros_like(blocks)
+    for row in range(rows):
+        for column in range(columns):
+            if blocks[row, column]:
+                for y in range(max(row - 1, 0), min(row + 2, rows)):
+                    for x in range(max(column - 1, 0), min(column + 2, columns)):
+                        seen[y, x] |= blocks[row, column]
     return seen
 
 
 @compiled
 def _undecided(
     pixels: Int32[np.ndarray, " point"],
-    others: Int32[np.ndarray, " other"],
     found: UInt8[np.ndarray, "height width"],
     blocks: UInt8[np.ndarray, "row column"],
 ) -> Int32[np.ndarray, " asked"]:
-    """Return which pixels have to be asked, because the blocks around know nothing or do not agree; note the rest."""
-    width = found.shape[1]
-    asked = np.empty(len(others), np.int32)
+    """Return which of the pixels have to be asked, because the blocks around know nothing or do not agree."""
+    width, around = found.shape[1], _with_neighbours(blocks)
+    asked = np.empty(len(pixels), np.int32)
     count = 0
-    for i in range(len(others)):
-        row, column = pixels[others[i]] // width, pixels[others[i]] % width
-        seen = _around(blocks, row // 4, column // 4)
-        if blocks[row // 4, column // 4] == 0 or seen == 3:
-            asked[count] = others[i]
+    for i in range(len(pixels)):
+        row, column = pixels[i] // width // 4, pixels[i] % width // 4
+        if blocks[row, column] == 0 or around[row, column] == _SAW_BLOCKED + _SAW_LIT:
+            asked[count] = i
             count += 1
-        else:
-            found[row, column] = _BLOCKED if seen == _SAW_BLOCKED else _LIT
     return asked[:count]
 
 
 @compiled
 def _segments(
-    places: Float32[np.ndarray, "asked 3"],
+    pixels: Int32[np.ndarray, " asked"],
+    positions: Float32[np.ndarray, "asked 3"],
     normals: Float32[np.ndarray, "facing 3"],
-    pixels: Int32[np.ndarray, " point"],
-    asked: Int32[np.ndarray, " asked"],
     width: int,
     lamp: Float32[np.ndarray, "16 3"],
 ) -> tuple[Int32[np.ndarray, " ray"], Float32[np.ndarray, "ray 3"], Float32[np.ndarray, "ray 3"]]:
-    """Return, for the points that face the lamp, their place in the list, the point and the way to the lamp."""
-    facing = np.empty(len(asked), np.int32)
-    origins, segments = np.empty((len(asked), 3), np.float32), np.empty((len(asked), 3), np.float32)
+    """Return, for the points that face the lamp (all if there are no normals), pixel, point and the way to the lamp."""
+    facing = np.empty(len(pixels), np.int32)
+    origins, segments = np.empty((len(pixels), 3), np.float32), np.empty((len(pixels), 3), np.float32)
     count = 0
-    for i in range(len(asked)):
-        pixel = pixels[asked[i]]
-        target = (pixel // width) % _PERIOD * _PERIOD + (pixel % width) % _PERIOD
-        x, y, z = lamp[target, 0] - places[i, 0], lamp[target, 1] - places[i, 1], lamp[target, 2] - places[i, 2]
-        j = asked[i]
-        if len(normals) == 0 or x * normals[j, 0] + y * normals[j, 1] + z * normals[j, 2] > 0:
-            facing[count] = j
+    for i in range(len(pixels)):
+        target = (pixels[i] // width) % 4 * 4 + (pixels[i] % width) % 4
+        px, py, pz = positions[i, 0], positions[i, 1], positions[i, 2]
+        x, y, z = lamp[target, 0] - px, lamp[target, 1] - py, lamp[target, 2] - pz
+        if len(normals) == 0 or x * normals[i, 0] + y * normals[i, 1] + z * normals[i, 2] > 0:
+            facing[count] = pixels[i]
+            origins[count, 0], origins[count, 1], origins[count, 2] = px, py, pz
             segments[count, 0], segments[count, 1], segments[count, 2] = x, y, z
-            origins[count, 0], origins[count, 1], origins[count, 2] = places[i, 0], places[i, 1], places[i, 2]
             count += 1
     return facing[:count], origins[:count], segments[:count]
 
 
 @compiled
 def _note(
-    pixels: Int32[np.ndarray, " point"],
-    asked: Int32[np.ndarray, " ray"],
-    is_blocked: UInt8[np.ndarray, " ray"],
+    pixels: Int32[np.ndarray, " ray"],
+    is_blocked: Bool[np.ndarray, " ray"],
     found: UInt8[np.ndarray, "height width"],
     blocks: UInt8[np.ndarray, "row column"],
 ) -> None:
     width = found.shape[1]
-    for i in range(len(asked)):
-        row, column = pixels[asked[i]] // width, pixels[asked[i]] % width
+    for i in range(len(pixels)):
+        row, column = pixels[i] // width, pixels[i] % width
         found[row, column] = _BLOCKED if is_blocked[i] else _LIT
         blocks[row // 4, column // 4] |= _SAW_BLOCKED if is_blocked[i] else _SAW_LIT
 
@@ -212,6 +255,7 @@ def _smoothed(
     pixels: Int32[np.ndarray, " point"],
     found: UInt8[np.ndarray, "height width"],
     blocks: UInt8[np.ndarray, "row column"],
+    around: UInt8[np.ndarray, "row column"],
     ids: UInt8[np.ndarray, "height width"],
     distances: Float32[np.ndarray, "height width"],
     pixel_rad: float,
@@ -220,19 +264,22 @@ def _smoothed(
     shares = np.empty(len(pixels), np.float32)
     for i in range(len(pixels)):
         row, column = pixels[i] // width, pixels[i] % width
-        seen = _around(blocks, row // 4, column // 4)
+        seen = around[row // 4, column // 4]
         if seen != _SAW_BLOCKED + _SAW_LIT:
-            shares[i] = np.float32(0) if seen == _SAW_BLOCKED else np.float32(1)
+            shares[i] = 0.0 if seen == _SAW_BLOCKED else 1.0
             continue
         own, distance = ids[row, column], distances[row, column]
         gap = _GAP_MM + 4 * pixel_rad * distance
-        lit, weights = np.float32(0), np.float32(0)
+        lit, weights = 0.0, 0.0
         for y in range(max(row - 2, 0), min(row + 3, height)):
-            weight_y = np.float32(0.5) if abs(y - row) == 2 else np.float32(1)
+            weight_y = 0.5 if abs(y - row) == 2 else 1.0
             for x in range(max(column - 2, 0), min(column + 3, width)):
-                if found[y, x] != _UNKNOWN and ids[y, x] == own and abs(distances[y, x] - distance) < gap:
-                    weight = weight_y * (np.float32(0.5) if abs(x - column) == 2 else np.float32(1))
+                value = found[y, x]
+                if value == _UNKNOWN:  # not asked because all around agreed, or facing away in a block where none did
+                    value = _LIT if blocks[y // 4, x // 4] == _SAW_LIT else value
+                if value != _UNKNOWN and ids[y, x] == own and abs(distances[y, x] - distance) < gap:
+                    weight = weight_y * (0.5 if abs(x - column) == 2 else 1.0)
                     weights += weight
-                    lit += weight * found[y, x]
-        shares[i] = lit / weights if weights > 0 else np.float32(1)
+                    lit += weight * value
+        shares[i] = lit / weights if weights > 0 else 1.0
     return shares

@@ -5,7 +5,7 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float32, Int32, UInt8
+from jaxtyping import Bool, Float32, Int32, Int64, UInt8
 
 from assemblyhands_core.synthetic.compiled import compiled
 
@@ -33,8 +33,8 @@ class Hits:
     weights: Float32[np.ndarray, "ray 2"]
     distances_mm: Float32[np.ndarray, " ray"]
 
-    def select(self, rays: Any) -> "Hits":
-        """Return some of the rays, by index or mask."""
+    def select(self, rays: Int64[np.ndarray, " some"]) -> "Hits":
+        """Return some of the rays, by index."""
         return Hits(self.faces[rays], self.weights[rays], self.distances_mm[rays])
 
 
