@@ -13,11 +13,13 @@ import numpy as np
 from assemblyhands_core.geometry import transforms
 from assemblyhands_core.hands.joints import Hand
 from assemblyhands_core.synthetic.bench import Bench, Rigid, Verb, free_key
+from assemblyhands_core.synthetic.clearance import travel
 from assemblyhands_core.synthetic.motion import WORLD, HandKey, PartKey
 from assemblyhands_core.synthetic.moves import pick_up, position, put_down, remove
 from assemblyhands_core.synthetic.objects import PartSet
 from assemblyhands_core.synthetic.person import SIDE, Subject
-from assemblyhands_core.synthetic.placing import best_way, free_spots, natural_rotation
+from assemblyhands_core.synthetic.placing import best_way, free_spots
+from assemblyhands_core.synthetic.presenting import natural_rotation
 from assemblyhands_core.synthetic.rig import TABLE_TOP_Y_MM
 from assemblyhands_core.synthetic.turning import turn_screw
 
@@ -167,18 +169,18 @@ def _go_away(bench: Bench, hand: Hand, t_s: float) -> float:
     rng = bench.rng
     bench.leave_frame(hand, t_s)
     goal = _beside_headset(hand) if rng.random() < 0.5 else _resting(hand, rng)
-    there_s = bench.move(hand, free_key(t_s + 0.6, goal, arc_mm=20.0))
+    there_s = travel(bench, hand, free_key(t_s + 0.6, goal))
     return bench.wait(hand, there_s + float(rng.uniform(0.4, 1.8)))
 
 
 def _resting(hand: Hand, rng: np.random.Generator) -> Rigid:
     """Palm down near the edge of the table."""
     side = SIDE[hand]
-    y = np.array([0.82, 0.05, -0.55 * side])
+    y = np.array([0.86, 0.05, -0.30 * side])
     y /= np.linalg.norm(y)
     z = np.array([0.0, 1.0, 0.0]) - y * y[1]
     z /= np.linalg.norm(z)
-    spot = np.array([rng.uniform(-110.0, -50.0), TABLE_TOP_Y_MM + 70.0, 80.0 + side * rng.uniform(150.0, 220.0)])
+    spot = np.array([rng.uniform(-160.0, -120.0), TABLE_TOP_Y_MM + 88.0, 80.0 + side * rng.uniform(190.0, 250.0)])
     return transforms.rigid(np.stack([np.cross(y, z), y, z], axis=-1), spot)
 
 

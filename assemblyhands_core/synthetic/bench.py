@@ -35,9 +35,9 @@ Verb = Literal["pick up", "put down", "position", "remove", "screw", "unscrew"]
 
 MAX_DESIGN_SPEED_MM_S: Final = 1100.0
 """Peak speed that a reach is timed for, before tremor, the other hand's motion and turning add to it."""
-MIN_MOVE_S: Final = 0.3
+BACK_OFF_MM: Final = 50.0
+"""From where a hand reaches for something and to where it draws back, along the grip."""
 _LEVER_MM: Final = 170.0
-_ARC_SPEED: Final = 1.0
 
 Rigid = Float64[np.ndarray, "4 4"]
 
@@ -91,14 +91,14 @@ class Ways:
         T_part_from_grip: Places of the grip.
         T_part_from_wrist: Places of the hand.
         grips: The grip in the hand, of each way.
-        joints_mm: The hand's joints, closed and then open.
+        joints_mm: The hand's joints: closed, open, and open but drawn back along the grip by `BACK_OFF_MM`.
         clearance_mm: Least distance of a joint of the closed hand to the part's surface, negative inside.
     """
 
     T_part_from_grip: Float64[np.ndarray, "way 4 4"]
     T_part_from_wrist: Float64[np.ndarray, "way 4 4"]
     grips: tuple[HandGrip, ...]
-    joints_mm: Float64[np.ndarray, "way 42 3"]
+    joints_mm: Float64[np.ndarray, "way 63 3"]
     clearance_mm: Float64[np.ndarray, " way"]
 
     def held(self, name: str, index: int) -> Held:
@@ -132,7 +132,7 @@ class Bench:
     held: dict[Hand, Held] = field(default_factory=dict)
     mounted: dict[str, tuple[float, float]] = field(default_factory=dict)
     _grips: dict[tuple[GripKind, Hand], tuple[HandGrip, ...]] = field(default_factory=dict)
-    _ways: dict[tuple[str, GripKind, Hand], Ways] = field(default_factory=dict)
+    _ways: dict[tuple[str, Grip, Hand], Ways] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         tremors = {hand: Tremor.from_rng(self.rng) for hand in HANDS}
@@ -166,7 +166,7 @@ class Bench:
 
     def ways(self, name: str, grip: Grip, hand: Hand) -> Ways:
         """Return how this person can take hold of a part by one of its grips, worked out once."""
-        key = name, grip.kind, hand
+        key = name, grip, hand
         if key not in self._ways:
             solved = self._solved(grip.kind, hand)
             places = gripped(grip)
@@ -194,7 +194,13 @@ class Bench:
             for bend in ("closed_rad", "open_rad")
         ]
         clearance = self.part(name).signed_distance_mm(joints[0]).min(axis=-1)
-        return Ways(places, wrists, grips, np.concatenate(joints, axis=1), clearance)
+        back = joints[1] - BACK_OFF_MM * places[:, None, :3, 2]
+        return Ways(places, wrists, grips, np.concatenate([*joints, back], axis=1), clearance)
+
+    def carrier(self, name: str) -> str:
+        """Return what carries a part in the end: the world or a hand."""
+        carrier = self.part_keys[name][-1].carrier
+        return self.carrier(carrier) if carrier in self.part_keys else carrier
 
     def is_tight(self, name: str) -> bool:
         """Tell whether a part on its mount is screwed in."""
@@ -224,7 +230,7 @@ class Bench:
         """Keep a hand as it is until an instant; returns when it is free."""
         last = self.hand_keys[hand][-1]
         if t_s > last.t_s:
-            self.hand_keys[hand].append(replace(last, t_s=t_s, arc_mm=0.0))
+            self._append(hand, replace(last, t_s=t_s, arc_mm=np.zeros(3)))
         return max(t_s, last.t_s)
 
     def leave_frame(self, hand: Hand, t_s: float) -> None:
@@ -232,15 +238,21 @@ class Bench:
         self.wait(hand, t_s)
         last = self.hand_keys[hand][-1]
         T_world_from_grip = self.at(last.t_s).T_world_from(last.frame) @ last.T_frame_from_grip
-        self.hand_keys[hand].append(replace(last, frame=WORLD, T_frame_from_grip=T_world_from_grip))
+        self._append(hand, replace(last, frame=WORLD, T_frame_from_grip=T_world_from_grip))
 
     def move(self, hand: Hand, key: HandKey) -> float:
         """Add a key, later than it says where the way would be too fast; returns its time."""
         last = self.hand_keys[hand][-1]
         needed = self.move_s(hand, key)
         key = replace(key, t_s=max(key.t_s, last.t_s + needed))
-        self.hand_keys[hand].append(key)
+        self._append(hand, key)
         return key.t_s
+
+    def _append(self, hand: Hand, key: HandKey) -> None:
+        """Add a key after noting how its frame and that of the key before lie at its instant."""
+        then, last = self.at(key.t_s), self.hand_keys[hand][-1].frame
+        rotations = (then.T_world_from(frame)[:3, :3] for frame in (key.frame, last))
+        self.hand_keys[hand].append(replace(key, frame_then=next(rotations), last_frame_then=next(rotations)))
 
     def move_s(self, hand: Hand, key: HandKey) -> float:
         """Return how long the way to a key takes at least, from the last one."""
@@ -250,7 +262,7 @@ class Bench:
         start = now.T_world_from(last.frame) @ last.T_frame_from_grip @ transforms.inverse(last.T_wrist_from_grip)
         end = later.T_world_from(key.frame) @ key.T_frame_from_grip @ transforms.inverse(key.T_wrist_from_grip)
         turn = rotation_vector(start[:3, :3].T @ end[:3, :3])
-        distance = float(np.linalg.norm(end[:3, 3] - start[:3, 3])) + _ARC_SPEED * key.arc_mm
+        distance = float(np.linalg.norm(end[:3, 3] - start[:3, 3])) + float(np.linalg.norm(key.arc_mm))
         distance += _LEVER_MM * float(np.linalg.norm(turn))
         bend = 70.0 * float(np.abs(key.angles_rad - last.angles_rad).max())
         return PEAK_OVER_MEAN_SPEED * (distance + bend) / MAX_DESIGN_SPEED_MM_S
@@ -271,6 +283,6 @@ def gripped(grip: Grip) -> Float64[np.ndarray, "n 4 4"]:
     return np.stack([turn @ grip.T_part_from_grip @ roll for turn in turns for roll in rolls])
 
 
-def free_key(t_s: float, T_world_from_wrist: Rigid, arc_mm: float = 0.0) -> HandKey:
+def free_key(t_s: float, T_world_from_wrist: Rigid) -> HandKey:
     """Return the key of an empty, relaxed hand."""
-    return HandKey(t_s, WORLD, T_world_from_wrist, np.eye(4), grasp_angles_rad("relaxed"), arc_mm)
+    return HandKey(t_s, WORLD, T_world_from_wrist, np.eye(4), grasp_angles_rad("relaxed"))

@@ -91,7 +91,7 @@ def _contacts_mm(kind: GripKind) -> Mapping[str, Float64[np.ndarray, "3"]]:
     if kind.contact == "pinch":
         return {"thumb": np.array([-reach, 0.0, 0.0]), "index": np.array([reach, 0.0, 0.0])}
     if kind.contact == "tripod":
-        sides = {"index": np.array([reach, -10.0, 0.0]), "middle": np.array([reach, 10.0, 0.0])}
+        sides = {"index": np.array([reach, -9.0, 0.0]), "middle": np.array([reach, 9.0, 0.0])}
         return {"thumb": np.array([-reach, 0.0, 0.0]), **sides}
     if kind.contact == "hold":
         sides = {f: np.array([reach, y, 0.0]) for f, y in (("index", -20.0), ("middle", 0.0), ("ring", 19.0))}

@@ -7,17 +7,16 @@ from jaxtyping import Float64
 
 from assemblyhands_core.geometry import transforms
 from assemblyhands_core.hands.joints import Hand
-from assemblyhands_core.synthetic.bench import Bench, Held, Rigid, Ways
+from assemblyhands_core.synthetic.bench import BACK_OFF_MM, Bench, Held, Rigid, Ways
+from assemblyhands_core.synthetic.clearance import travel
 from assemblyhands_core.synthetic.grips import HandGrip
 from assemblyhands_core.synthetic.motion import WORLD, HandKey, about_z, rotation, shifted
 
-BACK_OFF_MM: Final = 50.0
-"""From where a hand reaches for something and to where it draws back, along the grip."""
 OUT_MM: Final = 42.0
 """How far in front of its mount a part is before it is put on, and a tool before it is set down on a screw."""
 LABEL_START: Final = 0.45
 """Share of a reach or transport after which its action has begun, as annotators see it."""
-_REGRIP_COST: Final = 0.6
+_REGRIP_COST: Final = 1.2
 
 
 def hand_key(
@@ -26,12 +25,12 @@ def hand_key(
     T_frame_from_grip: Rigid,
     grip: HandGrip,
     is_open: bool = False,
-    arc_mm: float = 0.0,
+    lift_mm: float = 0.0,
     tremor: float = 1.0,
 ) -> HandKey:
     """Return the key of a hand that grips, or with open fingers is about to or has just done so."""
     angles = grip.open_rad if is_open else grip.closed_rad
-    return HandKey(t_s, frame, T_frame_from_grip, grip.T_wrist_from_grip, angles, arc_mm, tremor)
+    return HandKey(t_s, frame, T_frame_from_grip, grip.T_wrist_from_grip, angles, np.array([0.0, lift_mm, 0.0]), tremor)
 
 
 def reach(
@@ -40,7 +39,8 @@ def reach(
     """Reach with open fingers and close them; returns when the hand is near and when it is closed."""
     back = T_frame_from_grip @ shifted(z_mm=-BACK_OFF_MM)
     start_s = max(bench.end_s(hand) + 0.3, earliest_s - 0.1)
-    near_s = bench.move(hand, hand_key(start_s, frame, back, grip, True, arc_mm=float(bench.rng.uniform(10.0, 35.0))))
+    lift_mm = float(bench.rng.uniform(10.0, 35.0))
+    near_s = travel(bench, hand, hand_key(start_s, frame, back, grip, True, lift_mm))
     there_s = bench.move(hand, hand_key(near_s + 0.22 * bench.tempo, frame, T_frame_from_grip, grip, True, tremor=0.0))
     closed_s = there_s + bench.tempo * bench.rng.uniform(0.14, 0.22)
     return near_s, bench.move(hand, hand_key(closed_s, frame, T_frame_from_grip, grip, tremor=0.0))
@@ -62,7 +62,7 @@ def lift(bench: Bench, hand: Hand, T_world_from_grip: Rigid, grip: HandGrip) -> 
     lifted[:3, 3] += to_middle * (rng.uniform(0.15, 0.35), 0.0, rng.uniform(0.15, 0.35))
     lifted[1, 3] = max(lifted[1, 3], rng.uniform(70.0, 120.0))
     lifted[:3, :3] = rotation(rng.normal(0.0, 0.12, 3)) @ lifted[:3, :3]
-    return bench.move(hand, hand_key(bench.end_s(hand) + 0.3 * bench.tempo, WORLD, lifted, grip))
+    return travel(bench, hand, hand_key(bench.end_s(hand) + 0.3 * bench.tempo, WORLD, lifted, grip))
 
 
 def wiggle(bench: Bench, hand: Hand, frame: str, place: Rigid, T_part_from_grip: Rigid, grip: HandGrip) -> None:
@@ -106,4 +106,4 @@ def present(bench: Bench, root: str, T_world_from_root: Rigid, t_s: float) -> fl
     if held is None or held.part != root:
         return t_s
     bench.wait(hand, t_s)
-    return bench.move(hand, hand_key(t_s, WORLD, T_world_from_root @ held.T_part_from_grip, held.grip))
+    return travel(bench, hand, hand_key(t_s, WORLD, T_world_from_root @ held.T_part_from_grip, held.grip))

@@ -7,7 +7,7 @@ and with a peak speed of 15/8 of the mean. A `PartKey` says what carries a part 
 
 from bisect import bisect_right
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final, TypeVar
 
 import numpy as np
@@ -35,8 +35,11 @@ class HandKey:
         T_frame_from_grip: Point and axes of the grip (see `grips`), mm.
         T_wrist_from_grip: Where that grip is in the hand, mm.
         angles_rad: Bend of the fingers.
-        arc_mm: How far the way from the key before bulges upwards.
+        arc_mm: How far the way from the key before bulges, in the world.
         tremor: Share of the natural unrest; 0 where the hand touches something that does not move with it.
+        frame_then: `R_world_from_frame` at the instant.
+        last_frame_then: The same of the frame of the key before. Both are known when the key is written; without them
+            the turn between frames that move would be ambiguous, and jump where it passes half a turn.
     """
 
     t_s: float
@@ -44,8 +47,10 @@ class HandKey:
     T_frame_from_grip: Float64[np.ndarray, "4 4"]
     T_wrist_from_grip: Float64[np.ndarray, "4 4"]
     angles_rad: Float64[np.ndarray, "20"]
-    arc_mm: float = 0.0
+    arc_mm: Float64[np.ndarray, "3"] = field(default_factory=lambda: np.zeros(3))
     tremor: float = 1.0
+    frame_then: Float64[np.ndarray, "3 3"] = field(default_factory=lambda: np.eye(3))
+    last_frame_then: Float64[np.ndarray, "3 3"] = field(default_factory=lambda: np.eye(3))
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,16 +116,32 @@ class HandTrack:
     def at(self, t_s: float, frames: Frames) -> tuple[Float64[np.ndarray, "4 4"], Float64[np.ndarray, "20"]]:
         """Return `T_world_from_wrist` (mm) and the angles (rad) at an instant."""
         before, after, share = _bracket(self.keys, t_s)
-        start = frames(before.frame) @ before.T_frame_from_grip
         if before is after or share == 0.0:
-            T_world_from_grip, wrist, angles = start, before.T_wrist_from_grip, before.angles_rad
+            T_world_from_grip = frames(before.frame) @ before.T_frame_from_grip
+            wrist, angles = before.T_wrist_from_grip, before.angles_rad
         else:
-            T_world_from_grip = interpolated(start, frames(after.frame) @ after.T_frame_from_grip, share)
-            T_world_from_grip[1, 3] += after.arc_mm * 16 * (share * (1 - share)) ** 2
+            T_world_from_grip = _between(before, after, frames, share)
             wrist = interpolated(before.T_wrist_from_grip, after.T_wrist_from_grip, share)
             angles = before.angles_rad + share * (after.angles_rad - before.angles_rad)
         unrest = self.tremor.at(t_s, before.tremor + share * (after.tremor - before.tremor))
         return T_world_from_grip @ unrest @ transforms.inverse(wrist), angles
+
+
+def _between(before: HandKey, after: HandKey, frames: Frames, share: float) -> Float64[np.ndarray, "4 4"]:
+    """T_world_from_grip part of the way between two keys.
+
+    The turn is that between both poses as they are in the world when the second is reached, after what the frames still
+    lack of their turn until then.
+    """
+    first, second = frames(before.frame), frames(after.frame)
+    start = first @ before.T_frame_from_grip
+    end = second @ after.T_frame_from_grip
+    place = start[:3, 3] + share * (end[:3, 3] - start[:3, 3]) + after.arc_mm * 16 * (share * (1 - share)) ** 2
+    start_then = after.last_frame_then @ before.T_frame_from_grip[:3, :3]
+    turn = _turned(start_then, after.frame_then @ after.T_frame_from_grip[:3, :3], share)
+    if before.frame != WORLD or after.frame != WORLD:
+        turn = _turned(first[:3, :3] @ after.last_frame_then.T, second[:3, :3] @ after.frame_then.T, share) @ turn
+    return transforms.rigid(turn, place)
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,8 +210,15 @@ def interpolated(
     start: Float64[np.ndarray, "4 4"], end: Float64[np.ndarray, "4 4"], share: float
 ) -> Float64[np.ndarray, "4 4"]:
     """Go part of the way between two rigid transforms: straight, turning about one axis."""
-    turn = rotation(share * rotation_vector(start[:3, :3].T @ end[:3, :3]))
-    return transforms.rigid(start[:3, :3] @ turn, start[:3, 3] + share * (end[:3, 3] - start[:3, 3]))
+    turn = _turned(start[:3, :3], end[:3, :3], share)
+    return transforms.rigid(turn, start[:3, 3] + share * (end[:3, 3] - start[:3, 3]))
+
+
+def _turned(
+    start: Float64[np.ndarray, "3 3"], end: Float64[np.ndarray, "3 3"], share: float
+) -> Float64[np.ndarray, "3 3"]:
+    """Go part of the way between two rotations about one axis, the shorter way."""
+    return np.asarray(start @ rotation(share * rotation_vector(start.T @ end)))
 
 
 def rotation(vector_rad: Float64[np.ndarray, "3"]) -> Float64[np.ndarray, "3 3"]:

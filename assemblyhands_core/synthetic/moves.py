@@ -9,9 +9,9 @@ import numpy as np
 
 from assemblyhands_core.geometry import transforms
 from assemblyhands_core.hands.joints import Hand
-from assemblyhands_core.synthetic.bench import Bench
+from assemblyhands_core.synthetic.bench import BACK_OFF_MM, Bench
+from assemblyhands_core.synthetic.clearance import travel
 from assemblyhands_core.synthetic.handling import (
-    BACK_OFF_MM,
     LABEL_START,
     OUT_MM,
     from_root,
@@ -26,7 +26,8 @@ from assemblyhands_core.synthetic.handling import (
     wiggle,
 )
 from assemblyhands_core.synthetic.motion import WORLD, shifted
-from assemblyhands_core.synthetic.placing import best_presentation, best_spot, best_way
+from assemblyhands_core.synthetic.placing import best_spot, best_way
+from assemblyhands_core.synthetic.presenting import best_presentation
 
 
 def pick_up(bench: Bench, hand: Hand, name: str, t_s: float) -> float:
@@ -51,7 +52,7 @@ def put_down(bench: Bench, hand: Hand, t_s: float) -> float:
     held = ways.held(part.name, index)
     grip, T_world_from_grip = held.grip, T_world_from_part @ held.T_part_from_grip
     above = transforms.rigid(T_world_from_grip[:3, :3], T_world_from_grip[:3, 3] + (0.0, BACK_OFF_MM, 0.0))
-    near_s = bench.move(hand, hand_key(start_s, WORLD, above, grip, arc_mm=20.0))
+    near_s = travel(bench, hand, hand_key(start_s, WORLD, above, grip, lift_mm=20.0))
     turn_in_fingers(bench, hand, held, start_s, near_s)
     down_s = bench.move(hand, hand_key(near_s + 0.3 * bench.tempo, WORLD, T_world_from_grip, grip, tremor=0.0))
     bench.carry(part.name, WORLD, T_world_from_part, down_s)
@@ -68,7 +69,7 @@ def position(bench: Bench, t_s: float) -> float:
     root, mount = bench.parts.root(part.name), part.mount
     if mount is None:
         raise ValueError(f"Part {part.name} has no mount, so that it cannot be positioned: put it down.")
-    ways = bench.ways(part.name, part.work, hand) if part.work else bench.present_way(hand)
+    ways = bench.ways(part.name, part.working_grip, hand)
     turns = [2 * np.pi * i / mount.num_turns for i in range(mount.num_turns)]
     T_root_from_parent = from_root(bench, root, mount.parent, start_s)
     places = [T_root_from_parent @ bench.T_parent_from_mounted(part.name, turn, mount.travel_mm) for turn in turns]
@@ -78,7 +79,7 @@ def position(bench: Bench, t_s: float) -> float:
     place, held = places[choice.place], ways.held(part.name, choice.way)
     T_part_from_grip, grip = held.T_part_from_grip, held.grip
     near = place @ shifted(z_mm=OUT_MM) @ T_part_from_grip
-    near_s = bench.move(hand, hand_key(max(start_s, presented_s - 0.1), root, near, grip, arc_mm=15.0))
+    near_s = travel(bench, hand, hand_key(max(start_s, presented_s - 0.1), root, near, grip, lift_mm=15.0))
     turn_in_fingers(bench, hand, held, start_s, near_s)
     wiggle(bench, hand, root, place @ shifted(z_mm=0.25 * OUT_MM), T_part_from_grip, grip)
     there_s = bench.end_s(hand) + bench.tempo * bench.rng.uniform(0.25, 0.6)

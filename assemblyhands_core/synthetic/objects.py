@@ -7,7 +7,7 @@ Part frame, mm: z points out of whatever the part is mounted on, so that it is p
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Float64, Int
@@ -64,6 +64,10 @@ class Mount:
     num_turns: int = 1
 
 
+_ABOVE_AXIS_MM: Final = 3.0
+"""Where fingertips touch a lying part, so that they keep off the table."""
+
+
 @dataclass(frozen=True, eq=False)
 class Part:
     """A rigid thing.
@@ -114,6 +118,11 @@ class Part:
             for p in self.pieces
         ]
         return np.asarray(np.min(distances, axis=0))
+
+    @cached_property
+    def radius_mm(self) -> float:
+        """Of the ball around the origin that holds the part."""
+        return float(np.linalg.norm(self.vertices_mm, axis=-1).max())
 
     @cached_property
     def vertices_mm(self) -> Float64[np.ndarray, "vertex 3"]:
@@ -191,7 +200,7 @@ def grip_from_above(contact: Contact, width_mm: float, z_mm: float, num_rolls: i
 
 def grip_lying(contact: Contact, width_mm: float, z_mm: float) -> Grip:
     """Return a grip of a lying part from above, thumb and fingers across its z axis."""
-    frame = pointing((-1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, z_mm))
+    frame = pointing((-1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (_ABOVE_AXIS_MM, 0.0, z_mm))
     return Grip(GripKind(contact, width_mm), frame, num_rolls=2)
 
 

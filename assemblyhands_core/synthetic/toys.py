@@ -129,7 +129,7 @@ def _screw(name: str, parent: str, T_parent_from_screw: np.ndarray) -> Part:
     """A thumb screw; its origin lies below the head."""
     head = piece(cylinder(7.0, 14.0, 1.2, 8), STEEL, (0.0, 0.0, 7.0))
     shank = piece(cylinder(3.0, 18.0, 1.0, 10), STEEL, (0.0, 0.0, -8.0))
-    pick = grip_lying("pinch", 13.5, 8.0)
+    pick = grip_lying("tripod", 13.5, 7.0)
     work = grip_from_above("round", 13.5, 9.5, 12)
     mount = Mount(parent, T_parent_from_screw, _SCREW_TRAVEL_MM, num_turns=1)
     return Part(name, "screw", (head, shank), 7.0, pick, work, True, mount, gloss=0.7, metallic=0.7)
@@ -198,7 +198,7 @@ def _mug(rng: np.random.Generator, color: Color, second: Color) -> list[Part]:
     work = grip_from_above("tripod", 9.0, 104.0, 12)
     lean = transforms.rigid(rotation(np.array([0.16, 0.0, 0.0])), np.array([0.0, 12.0, 10.0]))
     mount = Mount("mug", lean)
-    return [mug, Part("pen", "pen", (shaft,), 5.0, grip_lying("pinch", 9.0, 92.0), work, True, mount)]
+    return [mug, Part("pen", "pen", (shaft,), 5.0, grip_lying("tripod", 9.0, 92.0), work, True, mount)]
 
 
 def _can(rng: np.random.Generator, color: Color) -> Part:

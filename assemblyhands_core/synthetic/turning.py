@@ -9,6 +9,7 @@ from assemblyhands_core.geometry import transforms
 from assemblyhands_core.hands.joints import Hand
 from assemblyhands_core.hands.kinematics import clamp_to_limits
 from assemblyhands_core.synthetic.bench import Bench, Held, Rigid
+from assemblyhands_core.synthetic.clearance import travel
 from assemblyhands_core.synthetic.handling import (
     OUT_MM,
     from_root,
@@ -21,7 +22,7 @@ from assemblyhands_core.synthetic.handling import (
     turn_in_fingers,
 )
 from assemblyhands_core.synthetic.motion import HandKey, shifted
-from assemblyhands_core.synthetic.placing import best_presentation
+from assemblyhands_core.synthetic.presenting import best_presentation
 
 
 def turn_screw(bench: Bench, name: str, t_s: float, num_strokes: int) -> float:
@@ -91,7 +92,7 @@ class _Turning:
             return near_s
         start_s = bench.end_s(worker)
         back = start @ shifted(z_mm=OUT_MM) @ chosen.T_part_from_grip
-        near_s = bench.move(worker, hand_key(presented_s - 0.1, self.root, back, chosen.grip, arc_mm=15.0))
+        near_s = travel(bench, worker, hand_key(presented_s - 0.1, self.root, back, chosen.grip, lift_mm=15.0))
         turn_in_fingers(bench, worker, chosen, start_s, near_s)
         down = hand_key(
             near_s + 0.35 * bench.tempo, self.root, start @ chosen.T_part_from_grip, chosen.grip, tremor=0.0
