@@ -25,6 +25,7 @@ class Sensor:
         gain: Exposure.
         white_balance: Factors on red, green and blue.
         gamma: Of the encoding.
+        contrast: How much shadows are darker and lights brighter than by gamma alone, 0..1.
         noise: Standard deviation in grey levels; after the encoding it is nearly the same in lights and shadows.
         blur: Share of each neighbour in a pixel's value, along x and y: the sharpness of the lens.
         vignetting: Loss of light where the lens looks 45° off its axis.
@@ -34,8 +35,9 @@ class Sensor:
     gain: float = 1.0
     white_balance: tuple[float, float, float] = (1.0, 1.0, 1.0)
     gamma: float = 2.2
+    contrast: float = 0.4
     noise: float = 2.0
-    blur: float = 0.12
+    blur: float = 0.16
     vignetting: float = 0.25
 
     @staticmethod
@@ -48,8 +50,9 @@ class Sensor:
             gain=float(np.exp(generator.normal(0, 0.10))),
             white_balance=(red, 1.0, blue),
             gamma=float(generator.uniform(2.0, 2.4)),
+            contrast=float(generator.uniform(0.3, 0.6)),
             noise=float(generator.uniform(2.5, 4.0) if is_mono else generator.uniform(1.2, 2.2)),
-            blur=float(generator.uniform(0.08, 0.15)),
+            blur=float(generator.uniform(0.13, 0.19)),
             vignetting=float(generator.uniform(0.15, 0.35)),
         )
 
@@ -100,12 +103,14 @@ class Noise:
 
 @lru_cache(64)
 def _curves(sensor: Sensor) -> UInt16[np.ndarray, "3 65536"]:
-    """Return the encoding of linear values: gain and balance, a soft shoulder for highlights, gamma."""
+    """Return the encoding of linear values: gain, balance, a soft shoulder for highlights, gamma, contrast."""
     light = np.arange(65536) / WHITE * sensor.gain
     gains = np.array((1.0, 1.0, 1.0) if sensor.is_mono else sensor.white_balance)
     exposed = light[None] * gains[:, None]
-    shoulder = np.where(exposed < 0.6, exposed, 0.6 + 0.4 * np.tanh((exposed - 0.6) / 0.4))
-    return np.asarray(np.rint(255 * _FINE * shoulder ** (1 / sensor.gamma)), dtype=np.uint16)
+    rolled = np.where(exposed < 0.6, exposed, 0.6 + 0.4 * np.tanh((exposed - 0.6) / 0.4))
+    tone = rolled ** (1 / sensor.gamma)
+    tone += sensor.contrast * (tone * tone * (3 - 2 * tone) - tone)
+    return np.asarray(np.rint(255 * _FINE * tone), dtype=np.uint16)
 
 
 @lru_cache(64)
