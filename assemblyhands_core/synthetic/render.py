@@ -23,6 +23,7 @@ from assemblyhands_core.synthetic.shading import collect
 from assemblyhands_core.synthetic.shadows import BLOCK_PX, LampView
 from assemblyhands_core.synthetic.surfaces import Surfaces
 from assemblyhands_core.synthetic.views import View, complete_view, see_moving
+from assemblyhands_core.synthetic.visibility import visibility
 
 __all__ = [
     "BACKGROUND_ID",
@@ -35,6 +36,7 @@ __all__ = [
     "Texture",
     "render",
     "render_crops",
+    "visibility",
 ]
 
 

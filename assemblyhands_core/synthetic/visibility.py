@@ -38,9 +38,8 @@ def visibility(
     """
     static = (background_cache or BackgroundCache()).surfaces(scene)
     parts = static, scene.moving_surfaces
-    return np.array(
-        [_seen(parts, camera, points_mm, owner_ids, tolerance_mm) for camera in cameras], dtype=bool
-    ).reshape(len(cameras), len(points_mm))
+    seen = [_seen(parts, camera, points_mm, owner_ids, tolerance_mm) for camera in cameras]
+    return np.array(seen, dtype=bool).reshape(len(cameras), len(points_mm))
 
 
 def _seen(
@@ -58,6 +57,5 @@ def _seen(
         hits = surfaces.first_hits(camera.center_world_mm.astype(np.float32), rays)
         closer = np.flatnonzero((hits.faces != MISS) & (hits.distances_mm < nearest))
         nearest[closer], ids[closer] = hits.distances_mm[closer], surfaces.ids(hits.faces[closer])
-    with np.errstate(invalid="ignore"):  # no pixel (NaN) for points out of the field: not contained
-        is_inside = camera.contains(camera.project(points_mm))
+    is_inside = camera.contains(camera.project(points_mm))
     return np.asarray(is_inside & (ids == owner_ids) & (nearest >= distances - tolerance_mm))
