@@ -10,17 +10,14 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from assemblyhands_core.geometry import transforms
 from assemblyhands_core.hands.joints import Hand
-from assemblyhands_core.synthetic.bench import Bench, Rigid, Verb, free_key
+from assemblyhands_core.synthetic.bench import Bench, Verb, free_key
 from assemblyhands_core.synthetic.clearance import travel
-from assemblyhands_core.synthetic.motion import WORLD, HandKey, PartKey
+from assemblyhands_core.synthetic.layout import beside_headset, lay_out, resting
 from assemblyhands_core.synthetic.moves import pick_up, position, put_down, remove
 from assemblyhands_core.synthetic.objects import PartSet
 from assemblyhands_core.synthetic.person import SIDE, Subject
-from assemblyhands_core.synthetic.placing import best_way, free_spots
-from assemblyhands_core.synthetic.presenting import natural_rotation
-from assemblyhands_core.synthetic.rig import TABLE_TOP_Y_MM
+from assemblyhands_core.synthetic.rig import WORK_CENTER_WORLD_MM
 from assemblyhands_core.synthetic.turning import turn_screw
 
 VERBS: Final[tuple[Verb, ...]] = ("pick up", "position", "put down", "remove", "screw", "unscrew")
@@ -29,6 +26,8 @@ VERBS: Final[tuple[Verb, ...]] = ("pick up", "position", "put down", "remove", "
 _AWAY_CHANCE: Final = 0.05
 _SET_ASIDE_CHANCE: Final = 0.05
 _CHANGE_OF_MIND: Final = 0.06
+_BUILDING_SHARE: Final = 0.62
+_TEMPO_SPREAD: Final = 0.18
 
 
 class Option(NamedTuple):
@@ -36,6 +35,7 @@ class Option(NamedTuple):
 
     verb: Verb
     part: str
+    hand: Hand
     weight: float
 
 
@@ -48,84 +48,125 @@ def write_script(subject: Subject, parts: PartSet, rng: np.random.Generator, dur
         rng: Decides on everything; same state, same script.
         duration_s: Until when there has to be a script.
     """
-    bench = Bench(subject, parts, rng, tempo=float(rng.uniform(0.85, 1.25)))
-    is_building = bool(rng.random() < 0.62)
-    _lay_out(bench, is_building)
-    t_s = float(rng.uniform(0.0, 0.4))
+    bench = Bench(subject, parts, rng, tempo=1.0)
+    mean_tempo = float(rng.uniform(0.85, 1.25))
+    is_building = bool(rng.random() < _BUILDING_SHARE)
+    lay_out(bench, is_building)
+    t_s, last_part = float(rng.uniform(0.0, 0.4)), ""
     while t_s < duration_s:
         choices = options(bench, is_building)
-        if not choices or rng.random() < _CHANGE_OF_MIND:
+        if not _has_use(choices) or rng.random() < _CHANGE_OF_MIND:
             is_building = not is_building
-            choices = options(bench, is_building) or options(bench, not is_building)
-        t_s = _pause(bench, _perform(bench, _drawn(choices, rng), t_s))
+            choices = options(bench, is_building)
+        bench.tempo = mean_tempo * float(rng.lognormal(0.0, _TEMPO_SPREAD))
+        choice = _drawn([_less_if_last(option, last_part) for option in choices], rng)
+        t_s, last_part = _pause(bench, _perform(bench, choice, t_s)), choice.part
     return bench
 
 
 def options(bench: Bench, is_building: bool) -> list[Option]:
-    """Return what the working hand can do next (or the holding hand has to), with weights; never empty for long.
+    """Return what can be done next, with weights; there is always something.
 
     Args:
         bench: State.
         is_building: Whether the toy is being put together or taken apart.
     """
-    if not any(held.part == bench.parts.workpiece for held in bench.held.values()):
-        return [Option("pick up", bench.parts.workpiece, 1.0)]
-    held = bench.held.get(bench.worker)
+    workpiece, holder, worker = bench.parts.workpiece, bench.holder, bench.worker
+    if holder not in bench.held:
+        aside = [o for o in _picking(bench, is_building) if _is_on_side(bench, o.part, holder)]
+        sorting = [o._replace(hand=holder, weight=0.3) for o in aside]
+        return [Option("pick up", workpiece, holder, 1.0), *sorting]
+    if bench.held[holder].part != workpiece:
+        return [Option("put down", bench.held[holder].part, holder, 1.0)]
+    held = bench.held.get(worker)
     if held is None:
-        return [*_taking(bench, is_building), *_turning(bench, is_building, by_tool=False)]
+        picking = [o for o in _picking(bench, is_building) if not _is_on_side(bench, o.part, holder)]
+        return [*picking, *_removing(bench, is_building), *_turning(bench, is_building, by_tool=False)]
+    put_down_option = Option("put down", held.part, worker, _PUT_DOWN_WEIGHT[is_building])
     if held.part == bench.parts.tool:
         turning = _turning(bench, is_building, by_tool=True)
-        return [*turning, Option("put down", held.part, 0.7)]
-    put_down_weight = 0.6 if is_building else 6.0
+        return [*turning, put_down_option._replace(weight=0.2 if _has_use(turning) else 5.0)]
     if _can_be_mounted(bench, held.part):
-        return [
-            Option("position", held.part, 5.0 if is_building else 0.4),
-            Option("put down", held.part, put_down_weight),
-        ]
-    return [Option("put down", held.part, 1.0)]
+        return [Option("position", held.part, worker, _POSITION_WEIGHT[is_building]), put_down_option]
+    return [put_down_option]
 
 
-def _taking(bench: Bench, is_building: bool) -> list[Option]:
-    """Parts to take from the table or off the toy, and the tool."""
+# By whether the toy is being put together. Together with the chances above they make the designed frequencies.
+_PUT_DOWN_WEIGHT: Final = {True: 0.5, False: 5.0}
+_POSITION_WEIGHT: Final = {True: 5.0, False: 0.5}
+_PICK_WEIGHT: Final = {True: 1.5, False: 0.12}
+_REMOVE_WEIGHT: Final = {True: 0.12, False: 2.5}
+_USELESS: Final = 0.12
+_TOOL_WEIGHT: Final = 2.5
+_SCREW_WEIGHT: Final = 1.2
+_UNSCREW_WEIGHT: Final = 0.5
+_BY_TOOL: Final = 4.0
+
+
+def _picking(bench: Bench, is_building: bool) -> list[Option]:
+    """Parts to take from the table, and the tool where there is something to turn."""
     found = []
-    num_screws = len(_turning(bench, is_building, by_tool=True))
+    num_turned = sum(option.weight >= _USELESS for option in _turning(bench, is_building, by_tool=True))
     for name in bench.parts.parts:
-        if bench.is_on_table(name) and name == bench.parts.tool:
-            found.append(Option("pick up", name, 2.2 * min(num_screws, 2)))
-        elif bench.is_on_table(name) and not bench.mounted_children(name):
+        if not bench.is_on_table(name) or bench.mounted_children(name) or name == bench.parts.workpiece:
+            continue
+        if name == bench.parts.tool:
+            found.append(Option("pick up", name, bench.worker, _TOOL_WEIGHT * min(num_turned, 2)))
+        else:
             useful = is_building and _can_be_mounted(bench, name)
-            found.append(Option("pick up", name, 1.5 if useful else 0.12))
-        elif bench.is_loose(name) and not bench.mounted_children(name):
-            found.append(Option("remove", name, 0.12 if is_building else 2.5))
+            found.append(Option("pick up", name, bench.worker, _PICK_WEIGHT[True] if useful else _PICK_WEIGHT[False]))
     return [option for option in found if option.weight > 0]
 
 
+def _removing(bench: Bench, is_building: bool) -> list[Option]:
+    """Parts to take off the toy."""
+    loose = [name for name in bench.parts.parts if bench.is_loose(name) and not bench.mounted_children(name)]
+    return [Option("remove", name, bench.worker, _REMOVE_WEIGHT[is_building]) for name in loose]
+
+
 def _turning(bench: Bench, is_building: bool, by_tool: bool) -> list[Option]:
-    """Screws to turn."""
-    found = []
+    """Screws to turn in or out."""
+    found, factor = [], _BY_TOOL if by_tool else 1.0
     for name, part in bench.parts.parts.items():
         if part.mount is None or part.mount.travel_mm == 0 or name not in bench.mounted:
             continue
-        weight = 3.0 if by_tool else 0.5
         if bench.is_loose(name):
-            found.append(Option("screw", name, weight if is_building else 0.02 * weight))
+            weight = factor * _SCREW_WEIGHT * (1.0 if is_building else 0.02)
+            found.append(Option("screw", name, bench.worker, weight))
         else:
-            found.append(Option("unscrew", name, 0.03 * weight if is_building else weight))
+            weight = factor * _UNSCREW_WEIGHT * (0.02 if is_building else 1.0)
+            found.append(Option("unscrew", name, bench.worker, weight))
     return found
 
 
+def _has_use(choices: list[Option]) -> bool:
+    """Tell whether anything but idle play can be done."""
+    return any(option.weight > _USELESS for option in choices)
+
+
+def _is_on_side(bench: Bench, name: str, hand: Hand) -> bool:
+    """Tell whether a part on the table lies on the side of a hand."""
+    place = bench.part_keys[name][-1].T_carrier_from_part[:3, 3]
+    return bool((place[2] - WORK_CENTER_WORLD_MM[2]) * SIDE[hand] > 0)
+
+
 def _can_be_mounted(bench: Bench, name: str) -> bool:
-    """Tell whether what a part belongs on is there: held, or a mounted part, or standing on the table."""
+    """Tell whether what a part belongs on is there: held, or mounted on what is held, or standing on the table."""
     mount = bench.part(name).mount
     if mount is None:
         return False
     root = bench.parts.root(name)
-    return mount.parent in bench.mounted or (mount.parent == root and _is_workable(bench, root))
-
-
-def _is_workable(bench: Bench, root: str) -> bool:
     held = bench.held.get(bench.holder)
-    return (held is not None and held.part == root) or (root != bench.parts.workpiece and bench.is_on_table(root))
+    is_workable = (held is not None and held.part == root) or (
+        root != bench.parts.workpiece and bench.is_on_table(root)
+    )
+    return is_workable and (mount.parent in bench.mounted or mount.parent == root)
+
+
+def _less_if_last(option: Option, last_part: str) -> Option:
+    """What was handled just now is rarely handled again, unless it is to be turned, put down or put on."""
+    again = option.part == last_part and option.verb in ("pick up", "remove")
+    return option._replace(weight=0.1 * option.weight) if again else option
 
 
 def _drawn(choices: list[Option], rng: np.random.Generator) -> Option:
@@ -134,15 +175,14 @@ def _drawn(choices: list[Option], rng: np.random.Generator) -> Option:
 
 
 def _perform(bench: Bench, option: Option, t_s: float) -> float:
-    """Script one action; returns when the working hand is free."""
-    hand = bench.holder if option.part == bench.parts.workpiece else bench.worker
-    if option.verb in ("screw", "unscrew"):
-        return turn_screw(bench, option.part, t_s, _num_strokes(bench.rng))
+    """Script one action; returns when the hand is free."""
     performers: dict[Verb, Callable[[], float]] = {
-        "pick up": lambda: pick_up(bench, hand, option.part, t_s),
-        "put down": lambda: put_down(bench, hand, t_s),
+        "pick up": lambda: pick_up(bench, option.hand, option.part, t_s),
+        "put down": lambda: put_down(bench, option.hand, t_s),
         "position": lambda: position(bench, t_s),
         "remove": lambda: remove(bench, option.part, t_s),
+        "screw": lambda: turn_screw(bench, option.part, t_s, _num_strokes(bench.rng)),
+        "unscrew": lambda: turn_screw(bench, option.part, t_s, _num_strokes(bench.rng)),
     }
     return performers[option.verb]()
 
@@ -155,87 +195,26 @@ def _num_strokes(rng: np.random.Generator) -> int:
 def _pause(bench: Bench, t_s: float) -> float:
     """Wait a little, sometimes long, with the free hand at rest; sometimes set the workpiece aside."""
     rng = bench.rng
-    if bench.worker not in bench.held and rng.random() < _AWAY_CHANCE:
+    is_busy = bench.worker in bench.held
+    if not is_busy and rng.random() < _AWAY_CHANCE:
         return _go_away(bench, bench.worker, t_s)
-    held = bench.held.get(bench.holder)
-    if held is not None and rng.random() < _SET_ASIDE_CHANCE:
-        bench.leave_frame(bench.worker, t_s)
-        return put_down(bench, bench.holder, t_s)
+    if not is_busy and bench.holder in bench.held and rng.random() < _SET_ASIDE_CHANCE:
+        there_s = _go_to_rest(bench, bench.worker, t_s)
+        return put_down(bench, bench.holder, 0.5 * (t_s + there_s))
     return t_s + float(min(rng.lognormal(np.log(0.12), 1.0), 2.0))
 
 
 def _go_away(bench: Bench, hand: Hand, t_s: float) -> float:
-    """Lead the hand to the headset or the edge of the table, stay there, and come back above the table."""
+    """Lead the hand to the headset or the edge of the table and stay there."""
     rng = bench.rng
-    bench.leave_frame(hand, t_s)
-    goal = _beside_headset(hand) if rng.random() < 0.5 else _resting(hand, rng)
-    there_s = travel(bench, hand, free_key(t_s + 0.6, goal))
+    if rng.random() < 0.5:
+        there_s = _go_to_rest(bench, hand, t_s)
+    else:
+        bench.leave_frame(hand, t_s)
+        there_s = travel(bench, hand, free_key(t_s + 0.6, beside_headset(hand)))
     return bench.wait(hand, there_s + float(rng.uniform(0.4, 1.8)))
 
 
-def _resting(hand: Hand, rng: np.random.Generator) -> Rigid:
-    """Palm down near the edge of the table."""
-    side = SIDE[hand]
-    y = np.array([0.86, 0.05, -0.30 * side])
-    y /= np.linalg.norm(y)
-    z = np.array([0.0, 1.0, 0.0]) - y * y[1]
-    z /= np.linalg.norm(z)
-    spot = np.array([rng.uniform(-160.0, -120.0), TABLE_TOP_Y_MM + 88.0, 80.0 + side * rng.uniform(190.0, 250.0)])
-    return transforms.rigid(np.stack([np.cross(y, z), y, z], axis=-1), spot)
-
-
-def _beside_headset(hand: Hand) -> Rigid:
-    """Fingertips at the side of the headset, as if to set it right."""
-    side = SIDE[hand]
-    y = np.array([0.05, 0.95, -0.30 * side])
-    y /= np.linalg.norm(y)
-    palm = np.array([0.15, 0.0, -1.0 * side])
-    z = -(palm - y * (palm @ y))
-    z /= np.linalg.norm(z)
-    return transforms.rigid(np.stack([np.cross(y, z), y, z], axis=-1), np.array([-165.0, 330.0, 80.0 + side * 165.0]))
-
-
-def _lay_out(bench: Bench, is_building: bool) -> None:
-    """Mount some parts, spread the others over the table, and place both hands."""
-    rng, parts = bench.rng, bench.parts
-    for hand in (bench.worker, bench.holder):
-        bench.hand_keys[hand].append(free_key(0.0, _resting(hand, rng)))
-    share = rng.uniform(0.0, 0.6) if is_building else rng.uniform(0.6, 1.0)
-    for name, part in parts.parts.items():
-        mount = part.mount
-        if (
-            mount is not None
-            and (mount.parent in bench.mounted or mount.parent == parts.root(name))
-            and rng.random() < share
-        ):
-            out = 0.0 if rng.random() < 0.7 else mount.travel_mm
-            bench.mounted[name] = (0.0, out)
-            bench.carry(name, mount.parent, bench.T_parent_from_mounted(name, 0.0, out), 0.0)
-        else:
-            _put_on_table(bench, name)
-    if rng.random() < 0.7:
-        _start_holding(bench)
-
-
-def _put_on_table(bench: Bench, name: str) -> None:
-    """Let a part lie somewhere from the beginning."""
-    rng, part = bench.rng, bench.part(name)
-    is_workpiece = name == bench.parts.workpiece
-    on_holders_side = part.mount is None and not is_workpiece and rng.random() < 0.3
-    x, z = (70.0, 60.0) if is_workpiece else free_spots(bench, bench.holder if on_holders_side else bench.worker)[0]
-    yaw = rng.normal(0.0, 0.3) if is_workpiece else rng.uniform(0.0, 2 * np.pi)
-    bench.carry(name, WORLD, part.resting(x, z, float(yaw), TABLE_TOP_Y_MM), 0.0)
-
-
-def _start_holding(bench: Bench) -> None:
-    """Let the take begin with the workpiece in the hand, gripped as if from the table."""
-    hand, name = bench.holder, bench.parts.workpiece
-    ways = bench.ways(name, bench.part(name).pick, hand)
-    held = ways.held(name, best_way(bench, hand, ways, bench.at(0.0).T_world_from(name)))
-    wrist = transforms.rigid(natural_rotation(hand), np.array([20.0, 150.0, 80.0 + SIDE[hand] * 90.0]))
-    grip = held.grip
-    bench.hand_keys[hand][:] = [
-        HandKey(0.0, WORLD, wrist @ grip.T_wrist_from_grip, grip.T_wrist_from_grip, grip.closed_rad)
-    ]
-    bench.part_keys[name][:] = [PartKey(0.0, hand, held.T_wrist_from_part)]
-    bench.held[hand] = held
+def _go_to_rest(bench: Bench, hand: Hand, t_s: float) -> float:
+    bench.leave_frame(hand, t_s)
+    return travel(bench, hand, free_key(t_s + 0.5, resting(hand, bench.rng)))

@@ -13,7 +13,7 @@ from assemblyhands_core.geometry import transforms
 from assemblyhands_core.hands.grasps import grasp_angles_rad
 from assemblyhands_core.hands.joints import HANDS, Hand
 from assemblyhands_core.hands.kinematics import HandPose, forward_kinematics
-from assemblyhands_core.synthetic.grips import GripKind, HandGrip, solve_grips
+from assemblyhands_core.synthetic.grips import FLESH_MM, GripKind, HandGrip, solve_grips
 from assemblyhands_core.synthetic.motion import (
     PEAK_OVER_MEAN_SPEED,
     WORLD,
@@ -92,7 +92,7 @@ class Ways:
         T_part_from_wrist: Places of the hand.
         grips: The grip in the hand, of each way.
         joints_mm: The hand's joints: closed, open, and open but drawn back along the grip by `BACK_OFF_MM`.
-        clearance_mm: Least distance of a joint of the closed hand to the part's surface, negative inside.
+        clearance_mm: Least distance of the closed hand's skin to the part's surface, negative inside.
     """
 
     T_part_from_grip: Float64[np.ndarray, "way 4 4"]
@@ -193,7 +193,7 @@ class Bench:
             forward_kinematics(skeleton, HandPose(hand, wrists, np.stack([getattr(grip, bend) for grip in grips])))
             for bend in ("closed_rad", "open_rad")
         ]
-        clearance = self.part(name).signed_distance_mm(joints[0]).min(axis=-1)
+        clearance = (self.part(name).signed_distance_mm(joints[0]) - FLESH_MM).min(axis=-1)
         back = joints[1] - BACK_OFF_MM * places[:, None, :3, 2]
         return Ways(places, wrists, grips, np.concatenate([*joints, back], axis=1), clearance)
 
@@ -265,7 +265,7 @@ class Bench:
         distance = float(np.linalg.norm(end[:3, 3] - start[:3, 3])) + float(np.linalg.norm(key.arc_mm))
         distance += _LEVER_MM * float(np.linalg.norm(turn))
         bend = 70.0 * float(np.abs(key.angles_rad - last.angles_rad).max())
-        return PEAK_OVER_MEAN_SPEED * (distance + bend) / MAX_DESIGN_SPEED_MM_S
+        return PEAK_OVER_MEAN_SPEED * (distance + bend) / MAX_DESIGN_SPEED_MM_S * max(self.tempo, 0.85)
 
     def carry(self, name: str, carrier: str, T_carrier_from_part: Rigid, t_s: float) -> None:
         """Let a part be carried from an instant on."""

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 from dataclasses import replace
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from jaxtyping import Float64
@@ -11,13 +11,14 @@ from assemblyhands_core.geometry import transforms
 from assemblyhands_core.hands.joints import HANDS, Hand
 from assemblyhands_core.hands.kinematics import HandPose, forward_kinematics
 from assemblyhands_core.synthetic.bench import Bench
+from assemblyhands_core.synthetic.grips import FLESH_MM
 from assemblyhands_core.synthetic.motion import HandKey, Instant
 from assemblyhands_core.synthetic.rig import TABLE_TOP_Y_MM
 
 _SHARES: Final = (0.2, 0.35, 0.5, 0.65, 0.8)
-_PARTS_MM: Final = 5.0
-_HANDS_MM: Final = 18.0
-_TABLE_MM: Final = 9.0
+_PARTS_MM: Final = 0.0
+_HANDS_MM: Final = 1.0
+_TABLE_MM: Final = 0.0
 _MAX_JOINT_SPEED_MM_S: Final = 1800.0
 _NUM_TIMES: Final = 13
 _NUM_SLOWINGS: Final = 4
@@ -31,13 +32,28 @@ _DETOURS_MM: Final = (
 def nearest_mm(
     bench: Bench, now: Instant, names: Iterable[str], joints_world_mm: Float64[np.ndarray, "*batch joint 3"]
 ) -> Float64[np.ndarray, "*batch"]:
-    """Return the least distance of any joint to the surface of any of some parts: negative inside, inf without any."""
+    """Return the least distance of the skin to the surface of any of some parts: negative inside, inf without any.
+
+    Args:
+        bench: State.
+        now: An instant.
+        names: Parts.
+        joints_world_mm: Of a hand, once or more often one after the other.
+    """
+    flesh = np.tile(FLESH_MM, joints_world_mm.shape[-2] // len(FLESH_MM))
     nearest = np.full(joints_world_mm.shape[:-2], np.inf)
     for name in names:
         T_part_from_world = transforms.inverse(now.T_world_from(name))
         distance = bench.part(name).signed_distance_mm(transforms.apply(T_part_from_world, joints_world_mm))
-        nearest = np.minimum(nearest, distance.min(axis=-1))
+        nearest = np.minimum(nearest, (distance - flesh).min(axis=-1))
     return nearest
+
+
+def apart_mm(one_mm: Float64[np.ndarray, "*batch joint 3"], other_mm: Float64[np.ndarray, "21 3"]) -> Any:
+    """Return the least distance between the skins of two hands, negative where they meet, for each of a batch."""
+    flesh = np.tile(FLESH_MM, one_mm.shape[-2] // len(FLESH_MM))
+    distance = np.linalg.norm(one_mm[..., None, :] - other_mm, axis=-1) - flesh[:, None] - FLESH_MM
+    return distance.min(axis=(-1, -2))
 
 
 def travel(bench: Bench, hand: Hand, key: HandKey) -> float:
@@ -60,7 +76,7 @@ def _unhurried(bench: Bench, hand: Hand, key: HandKey) -> float:
     for _ in range(_NUM_SLOWINGS):
         end_s = bench.move(hand, key)
         times = np.linspace(start_s, end_s, _NUM_TIMES)
-        joints = np.stack([_joints_mm(bench, hand, bench.at(t_s)) for t_s in times.tolist()])
+        joints = np.stack([hand_joints_mm(bench, hand, bench.at(t_s)) for t_s in times.tolist()])
         peak = float(np.linalg.norm(np.diff(joints, axis=0), axis=-1).max()) / (end_s - start_s) * (_NUM_TIMES - 1)
         if peak <= _MAX_JOINT_SPEED_MM_S:
             break
@@ -71,9 +87,18 @@ def _unhurried(bench: Bench, hand: Hand, key: HandKey) -> float:
     return end_s
 
 
-def _joints_mm(bench: Bench, hand: Hand, now: Instant) -> Float64[np.ndarray, "21 3"]:
+def hand_joints_mm(bench: Bench, hand: Hand, now: Instant) -> Float64[np.ndarray, "21 3"]:
+    """Return the joints of a hand at an instant, world."""
     pose = HandPose(hand, now.T_world_from(hand), now.angles_rad(hand))
     return forward_kinematics(bench.subject.hand_shape.skeleton, pose)
+
+
+def harm_at(bench: Bench, hand: Hand, key: HandKey) -> float:
+    """Return how far a hand would be in things at a key, squared and summed."""
+    end_s = bench.move(hand, key)
+    harm = _harm(bench, hand, bench.at(end_s))
+    bench.hand_keys[hand].pop()
+    return harm
 
 
 def _harm_on_the_way(bench: Bench, hand: Hand, key: HandKey) -> float:
@@ -86,7 +111,7 @@ def _harm_on_the_way(bench: Bench, hand: Hand, key: HandKey) -> float:
 
 
 def _harm(bench: Bench, hand: Hand, now: Instant) -> float:
-    joints = {one: _joints_mm(bench, one, now) for one in HANDS}
+    joints = {one: hand_joints_mm(bench, one, now) for one in HANDS}
     palm = joints[hand].mean(axis=0)
     near = [
         name
@@ -95,8 +120,8 @@ def _harm(bench: Bench, hand: Hand, now: Instant) -> float:
         and bench.carrier(name) != hand
     ]
     other: Hand = "left" if hand == "right" else "right"
-    apart = float(np.linalg.norm(joints[hand][:, None] - joints[other], axis=-1).min())
-    low = float(joints[hand][:, 1].min()) - TABLE_TOP_Y_MM
+    apart = apart_mm(joints[hand], joints[other])
+    low = float((joints[hand][:, 1] - FLESH_MM).min()) - TABLE_TOP_Y_MM
     carried = [name for name in bench.parts.parts if bench.carrier(name) == hand]
     gaps = (
         _PARTS_MM - float(nearest_mm(bench, now, carried, joints[other])),

@@ -28,6 +28,11 @@ Contact = Literal["pinch", "tripod", "hold", "round", "wrap"]
 
 PAD_MM: Final = 7.0
 """From the joint in a fingertip to the skin that touches."""
+FLESH_MM: Final[Float64[np.ndarray, "21"]] = np.array(
+    [*(6.5, 9.0, 11.0, 13.0), *(6.0, 7.0, 8.0, 11.0) * 3, *(5.5, 6.5, 7.5, 10.0), 18.0]
+)
+"""From each joint to the skin around it, roughly."""
+FLESH_MM.flags.writeable = False
 OPENING_MM: Final = 16.0
 """How much further from the object each finger is before it touches."""
 LEANS_RAD: Final = ((0.0, 0.0), (0.45, 0.0), (-0.45, 0.0), (0.0, 0.4), (0.0, -0.4))

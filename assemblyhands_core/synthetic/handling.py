@@ -1,5 +1,6 @@
 """What every action at the table is made of: reaching, letting go, carrying, fitting, presenting."""
 
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -8,14 +9,17 @@ from jaxtyping import Float64
 from assemblyhands_core.geometry import transforms
 from assemblyhands_core.hands.joints import Hand
 from assemblyhands_core.synthetic.bench import BACK_OFF_MM, Bench, Held, Rigid, Ways
-from assemblyhands_core.synthetic.clearance import travel
+from assemblyhands_core.synthetic.clearance import apart_mm, hand_joints_mm, harm_at, nearest_mm, travel
 from assemblyhands_core.synthetic.grips import HandGrip
 from assemblyhands_core.synthetic.motion import WORLD, HandKey, about_z, rotation, shifted
+from assemblyhands_core.synthetic.person import SIDE
 
 OUT_MM: Final = 42.0
 """How far in front of its mount a part is before it is put on, and a tool before it is set down on a screw."""
 LABEL_START: Final = 0.45
 """Share of a reach or transport after which its action has begun, as annotators see it."""
+_NUM_LIFTS: Final = 4
+_ROOM_MM: Final = 12.0
 _REGRIP_COST: Final = 1.2
 
 
@@ -55,22 +59,46 @@ def let_go(bench: Bench, hand: Hand, frame: str, T_frame_from_grip: Rigid, grip:
 
 
 def lift(bench: Bench, hand: Hand, T_world_from_grip: Rigid, grip: HandGrip) -> float:
-    """Bring what was taken up and a little towards the middle."""
-    rng = bench.rng
-    lifted = T_world_from_grip.copy()
+    """Bring what was taken up and a little towards the middle, where there is room."""
+    t_s = bench.end_s(hand) + 0.3 * bench.tempo
+    keys = [hand_key(t_s, WORLD, _lifted(bench, T_world_from_grip), grip) for _ in range(_NUM_LIFTS)]
+    return travel(bench, hand, min(keys, key=lambda key: harm_at(bench, hand, key)))
+
+
+def _lifted(bench: Bench, T_world_from_grip: Rigid) -> Rigid:
+    rng, lifted = bench.rng, T_world_from_grip.copy()
     to_middle = np.array([50.0, 120.0, 80.0]) - lifted[:3, 3]
-    lifted[:3, 3] += to_middle * (rng.uniform(0.15, 0.35), 0.0, rng.uniform(0.15, 0.35))
+    lifted[:3, 3] += to_middle * (rng.uniform(0.1, 0.35), 0.0, rng.uniform(0.0, 0.35))
     lifted[1, 3] = max(lifted[1, 3], rng.uniform(70.0, 120.0))
     lifted[:3, :3] = rotation(rng.normal(0.0, 0.12, 3)) @ lifted[:3, :3]
-    return travel(bench, hand, hand_key(bench.end_s(hand) + 0.3 * bench.tempo, WORLD, lifted, grip))
+    return lifted
 
 
 def wiggle(bench: Bench, hand: Hand, frame: str, place: Rigid, T_part_from_grip: Rigid, grip: HandGrip) -> None:
     """Turn a part to and fro a little, as one does to fit it in or to loosen it."""
     angle = bench.rng.uniform(0.06, 0.16)
-    for turn in (angle, -angle) if bench.rng.random() < 0.6 else (angle,):
+    for number in range(min(int(bench.rng.geometric(0.45)), 7)):
+        turn = angle * (-1) ** number
         t_s = bench.end_s(hand) + bench.tempo * bench.rng.uniform(0.16, 0.26)
         bench.move(hand, hand_key(t_s, frame, place @ about_z(turn) @ T_part_from_grip, grip))
+
+
+def make_room(bench: Bench, hand: Hand, joints_world_mm: Float64[np.ndarray, "63 3"], t_s: float) -> None:
+    """Let the other hand, and what it holds, give way where a hand is about to be."""
+    other: Hand = "left" if hand == "right" else "right"
+    now = bench.at(t_s)
+    carried = [name for name in bench.parts.parts if bench.carrier(name) == other]
+    gap = min(
+        float(nearest_mm(bench, now, carried, joints_world_mm)),
+        float(apart_mm(joints_world_mm, hand_joints_mm(bench, other, now))),
+    )
+    if gap > _ROOM_MM:
+        return
+    bench.leave_frame(other, t_s)
+    last = bench.hand_keys[other][-1]
+    aside = last.T_frame_from_grip.copy()
+    aside[:3, 3] += (-20.0, max(150.0 - aside[1, 3], 20.0), SIDE[other] * 90.0)
+    travel(bench, other, replace(last, t_s=t_s + 0.3, T_frame_from_grip=aside, tremor=1.0))
 
 
 def take(bench: Bench, hand: Hand, held: Held, t_s: float) -> None:

@@ -18,6 +18,7 @@ from assemblyhands_core.synthetic.handling import (
     hand_key,
     let_go,
     lift,
+    make_room,
     present,
     reach,
     regrip_cost,
@@ -35,8 +36,10 @@ def pick_up(bench: Bench, hand: Hand, name: str, t_s: float) -> float:
     part, start_s = bench.part(name), bench.wait(hand, t_s)
     T_world_from_part = bench.at(start_s).T_world_from(name)
     ways = bench.ways(name, part.pick, hand)
-    held = ways.held(name, best_way(bench, hand, ways, T_world_from_part))
+    index = best_way(bench, hand, ways, T_world_from_part)
+    held = ways.held(name, index)
     T_world_from_grip = T_world_from_part @ held.T_part_from_grip
+    make_room(bench, hand, transforms.apply(T_world_from_part, ways.joints_mm[index]), start_s)
     near_s, closed_s = reach(bench, hand, WORLD, T_world_from_grip, held.grip)
     take(bench, hand, held, closed_s)
     end_s = lift(bench, hand, T_world_from_grip, held.grip)
@@ -49,6 +52,7 @@ def put_down(bench: Bench, hand: Hand, t_s: float) -> float:
     start_s, part = bench.wait(hand, t_s), bench.part(bench.held[hand].part)
     ways = bench.ways(part.name, part.pick, hand) if part.work else bench.present_way(hand)
     T_world_from_part, index = best_spot(bench, hand, ways, part.name)
+    make_room(bench, hand, transforms.apply(T_world_from_part, ways.joints_mm[index]), start_s)
     held = ways.held(part.name, index)
     grip, T_world_from_grip = held.grip, T_world_from_part @ held.T_part_from_grip
     above = transforms.rigid(T_world_from_grip[:3, :3], T_world_from_grip[:3, 3] + (0.0, BACK_OFF_MM, 0.0))

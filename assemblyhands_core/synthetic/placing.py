@@ -10,13 +10,13 @@ from assemblyhands_core.hands.joints import Hand
 from assemblyhands_core.synthetic.bench import Bench, Rigid, Ways
 from assemblyhands_core.synthetic.clearance import nearest_mm
 from assemblyhands_core.synthetic.ergonomics import discomfort
+from assemblyhands_core.synthetic.grips import FLESH_MM
 from assemblyhands_core.synthetic.person import SIDE
 from assemblyhands_core.synthetic.rig import TABLE_TOP_Y_MM
 
-_TABLE_CLEARANCE_MM: Final = 7.0
-CLEARANCE_MM: Final = 9.0
-"""That joints of a hand keep from what it does not touch."""
-_PART_CLEARANCE_MM: Final = 3.0
+CLEARANCE_MM: Final = 2.0
+"""That skin should keep from what it does not touch."""
+_PART_CLEARANCE_MM: Final = -1.0
 _NEIGHBOURS_MM: Final = 230.0
 _NUM_CHECKED: Final = 12
 _CHECKED_BONUS: Final = 1e3
@@ -33,7 +33,7 @@ def best_way(bench: Bench, hand: Hand, ways: Ways, T_world_from_part: Rigid) -> 
 
 def _sunk_cost(joints_world_mm: Float64[np.ndarray, "*way 63 3"]) -> Float64[np.ndarray, "*way"]:
     """What fingers cost that reach into the table."""
-    depth = TABLE_TOP_Y_MM + _TABLE_CLEARANCE_MM - joints_world_mm[..., 1]
+    depth = TABLE_TOP_Y_MM + np.tile(FLESH_MM, 3) - joints_world_mm[..., 1]
     return np.asarray(0.5 * np.maximum(depth, 0.0).max(axis=-1) ** 2)
 
 
@@ -81,7 +81,7 @@ def free_spots(bench: Bench, hand: Hand) -> list[tuple[float, float]]:
         for name in bench.parts.parts
         if bench.is_on_table(name) and bench.part_keys[name]
     ]
-    low, high = (105.0, 400.0) if SIDE[hand] > 0 else (-240.0, 55.0)
+    low, high = (135.0, 410.0) if SIDE[hand] > 0 else (-250.0, 25.0)
     drawn = np.stack([bench.rng.uniform(30.0, 260.0, 60), bench.rng.uniform(low, high, 60)], axis=-1)
     apart = np.full(len(drawn), np.inf)
     for place in taken:

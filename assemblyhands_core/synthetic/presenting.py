@@ -9,7 +9,7 @@ from jaxtyping import Float64
 from assemblyhands_core.geometry import transforms
 from assemblyhands_core.hands.joints import Hand
 from assemblyhands_core.synthetic.bench import Bench, Held, Rigid, Ways
-from assemblyhands_core.synthetic.clearance import nearest_mm
+from assemblyhands_core.synthetic.clearance import apart_mm, nearest_mm
 from assemblyhands_core.synthetic.ergonomics import discomfort
 from assemblyhands_core.synthetic.motion import rotation
 from assemblyhands_core.synthetic.person import SIDE
@@ -21,7 +21,7 @@ _WORK_SPREAD_MM: Final = np.array([28.0, 28.0, 26.0])
 _NUM_DRAWN: Final = 140
 _REFINEMENTS: Final = ((60, 0.30, 18.0), (50, 0.12, 8.0))
 """How many more are drawn around the best so far, turned (rad) and shifted (mm) by how much."""
-_HANDS_CLEARANCE_MM: Final = 24.0
+_HANDS_CLEARANCE_MM: Final = 3.0
 _HOPELESS: Final = 12.0
 """Ways that cost this much more than the best one, wherever the workpiece is held, are left out."""
 
@@ -154,6 +154,6 @@ def _obstacle_cost(
     held = bench.held.get(bench.holder)
     if held is not None and held.part == root:
         other = bench.present_way(bench.holder).joints_mm[0, :21]
-        apart = np.linalg.norm(joints[..., None, :] - other, axis=-1).min(axis=(-1, -2))
-        cost = cost + 0.1 * np.maximum(_HANDS_CLEARANCE_MM - apart, 0.0) ** 2
+        apart = apart_mm(joints, other)
+        cost = cost + 0.2 * np.maximum(_HANDS_CLEARANCE_MM - apart, 0.0) ** 2
     return np.asarray(cost)
