@@ -108,6 +108,7 @@ def test_with_one_good_view_the_reasons_are_in_the_error(recording: TinyRecordin
     outcome.assert_refused(1, "1 usable views, 3D needs 2", "top (unreadable_video:", "left (missing_video:")
 
 
+@pytest.mark.slow
 def test_a_recording_of_any_length_is_annotated(tmp_path: Path, undisturbed: Any) -> None:
     """One frame is fewer than chunks are asked for."""
     command = ["executor=serial", *undisturbed.recording.overrides(), "ingest.max_frames=1"]

@@ -112,6 +112,7 @@ def _rot(file: Path) -> None:
     os.utime(file, ns=(times.st_atime_ns, times.st_mtime_ns))
 
 
+@pytest.mark.slow
 def test_bit_rot_is_found_by_whoever_reads(undisturbed: Any, finished: Path, assert_clean: Any) -> None:
     lost = [_file(finished, "crop_hands", 1), _file(finished, "detect_keypoints", 2), _file(finished, "round_0", 3)]
     read = [
@@ -157,6 +158,7 @@ def test_damaged_memories_do_no_harm(undisturbed: Any, finished: Path) -> None:
     assert entries(finished) == before
 
 
+@pytest.mark.slow
 def test_gc_keeps_the_latest_result_however_often_the_recording_was_looked_at(undisturbed: Any, finished: Path) -> None:
     command = [*undisturbed.command[1:], "executor=serial"]
     pipeline("doctor", *command, workspace=finished).assert_done()
