@@ -144,6 +144,7 @@ def test_what_reads_a_healed_entry_is_reused(undisturbed: Any, finished: Path) -
     assert new_stages(finished, before) == {"triangulate": 1}
 
 
+@pytest.mark.slow
 def test_damaged_memories_do_no_harm(undisturbed: Any, finished: Path) -> None:
     """What the engine only remembers may be lost: it is worked out again."""
     (finished / "file-digests.json").write_text('{"half')

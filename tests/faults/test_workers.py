@@ -13,6 +13,7 @@ import pytest
 from command_line import REPOSITORY, TIMEOUT_S, digests, entries, finish, pipeline, start
 
 
+@pytest.mark.slow
 def test_a_shard_that_kills_its_worker_fails_alone(tmp_path: Path) -> None:
     path = os.pathsep.join([str(REPOSITORY), str(Path(deadly_stages.__file__).parent)])
     done = subprocess.run(
