@@ -157,10 +157,9 @@ def _can_be_mounted(bench: Bench, name: str) -> bool:
         return False
     root = bench.parts.root(name)
     held = bench.held.get(bench.holder)
-    is_workable = (held is not None and held.part == root) or (
-        root != bench.parts.workpiece and bench.is_on_table(root)
-    )
-    return is_workable and (mount.parent in bench.mounted or mount.parent == root)
+    is_held = held is not None and held.part == root
+    is_at_hand = root != bench.parts.workpiece and bench.is_on_table(root) and _is_on_side(bench, root, bench.worker)
+    return (is_held or is_at_hand) and (mount.parent in bench.mounted or mount.parent == root)
 
 
 def _less_if_last(option: Option, last_part: str) -> Option:

@@ -21,6 +21,7 @@ _FLEXION: Final = (np.radians(-15.0), np.radians(35.0))
 _ULNAR_DEVIATION: Final = (np.radians(8.0), np.radians(18.0))
 _PRONATION: Final = (np.radians(25.0), np.radians(60.0))
 _ELBOW_CLEARANCE_MM: Final = 60.0
+_ELBOW_BELOW_SHOULDER_MM: Final = 60.0
 _TABLE_TOP_MM: Final = -20.0
 _TABLE_EDGE_MM: Final = -170.0
 
@@ -37,7 +38,7 @@ def discomfort(
 
     Returns:
         Sum of fourth powers of angles over their comfortable range, so that only what is beyond really counts, plus
-        what a stretched or folded arm and an elbow below the table top cost.
+        what a stretched or folded arm and an elbow that is raised or below the table top cost.
     """
     shoulder = resting_shoulder_mm(subject, hand)
     wrist = T_world_from_wrist[..., :3, 3]
@@ -48,6 +49,8 @@ def discomfort(
     angles = ((bend[..., 0], _FLEXION), (ulnar, _ULNAR_DEVIATION), (twist, _PRONATION))
     cost = sum(((value - middle) / half) ** 4 for value, (middle, half) in angles)
     reach = np.linalg.norm(wrist - shoulder, axis=-1) / (subject.upper_arm_mm + subject.forearm_mm)
-    cost = cost + 40.0 * np.maximum(reach - 0.92, 0.0) * 10 + 40.0 * np.maximum(0.45 - reach, 0.0)
+    cost = cost + 40.0 * np.maximum(reach - 0.92, 0.0) * 10.0 + 40.0 * np.maximum(0.45 - reach, 0.0)
+    raised = np.maximum(elbow[..., 1] - shoulder[1] + _ELBOW_BELOW_SHOULDER_MM, 0.0) / 40.0
+    cost = cost + raised**2
     sunk = np.maximum(_TABLE_TOP_MM + _ELBOW_CLEARANCE_MM - elbow[..., 1], 0.0) / 30.0
     return np.asarray(cost + np.where(elbow[..., 0] > _TABLE_EDGE_MM - 40.0, sunk**2, 0.0))

@@ -38,7 +38,8 @@ def _put_on_table(bench: Bench, name: str) -> None:
     """Let a part lie somewhere from the beginning."""
     rng, part = bench.rng, bench.part(name)
     is_workpiece = name == bench.parts.workpiece
-    on_holders_side = part.mount is None and not is_workpiece and rng.random() < 0.3
+    is_alone = part.mount is None and not bench.parts.children[name] and name != bench.parts.tool
+    on_holders_side = is_alone and not is_workpiece and rng.random() < 0.4
     x, z = (70.0, 60.0) if is_workpiece else free_spots(bench, bench.holder if on_holders_side else bench.worker)[0]
     yaw = rng.normal(0.0, 0.3) if is_workpiece else rng.uniform(0.0, 2 * np.pi)
     bench.carry(name, WORLD, part.resting(x, z, float(yaw), TABLE_TOP_Y_MM), 0.0)

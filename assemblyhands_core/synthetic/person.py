@@ -126,6 +126,8 @@ class Posture:
 HIPS_WORLD_MM: Final = (-330.0, -240.0, 80.0)
 _SHOULDER_MM: Final = (10.0, 520.0, 172.0)
 _NECK_MM: Final = (5.0, 560.0, 0.0)
+_HIGHEST_SWING: Final = np.array([np.inf, 0.3, np.inf])
+"""Elbows follow a hand sideways rather than up."""
 _NOMINAL_LEAN_RAD: Final = 0.10
 _REACH: Final = 0.97
 """Share of the arm's length beyond which the shoulder follows the hand instead of the arm getting straighter."""
@@ -190,8 +192,8 @@ def elbow_mm(
     along = reach / distance
     share = (upper * upper - fore * fore + distance * distance) / (2 * distance)
     height = np.sqrt(np.maximum(upper * upper - share * share, 0.0))
-    in_line = (wrist_mm - fore * forward - shoulder_mm) / upper
-    pole = np.array([-0.25, -1.0, 0.55 * SIDE[hand]]) + 0.8 * in_line
+    in_line = np.minimum((wrist_mm - fore * forward - shoulder_mm) / upper, _HIGHEST_SWING)
+    pole = np.array([-0.25, -1.0, 0.55 * SIDE[hand]]) + 1.6 * in_line
     pole = pole - along * (pole * along).sum(axis=-1, keepdims=True)
     pole = pole / np.linalg.norm(pole, axis=-1, keepdims=True)
     return np.asarray(shoulder_mm + share * along + height * pole)

@@ -22,6 +22,7 @@ _NUM_DRAWN: Final = 140
 _REFINEMENTS: Final = ((60, 0.30, 18.0), (50, 0.12, 8.0))
 """How many more are drawn around the best so far, turned (rad) and shifted (mm) by how much."""
 _HANDS_CLEARANCE_MM: Final = 3.0
+_FROM_BELOW_COST: Final = 4.0
 _HOPELESS: Final = 12.0
 """Ways that cost this much more than the best one, wherever the workpiece is held, are left out."""
 
@@ -74,6 +75,7 @@ def best_presentation(
     for round_ in range(1 + len(_REFINEMENTS)):
         roots = _drawn(bench, held, now) if round_ == 0 else _around(bench, best, *_REFINEMENTS[round_ - 1])
         cost = _working_cost(bench, roots, T_root_from_wrist) + fixed[place, way]
+        cost += _facing_cost(roots, T_root_from_part[place, 0])
         cost += _holding_cost(bench, held, now, roots)[:, None]
         found = np.unravel_index(int(np.argmin(cost)), cost.shape)
         if cost[found] < least:
@@ -121,6 +123,14 @@ def _working_cost(
     wrists = roots[:, None, None] @ T_root_from_wrist
     low = np.maximum(TABLE_TOP_Y_MM + 50.0 - wrists[..., 1, 3], 0.0) / 8.0
     return np.asarray((discomfort(bench.subject, bench.worker, wrists) + low**2).max(axis=-1))
+
+
+def _facing_cost(
+    roots: Float64[np.ndarray, "k 4 4"], T_root_from_part: Float64[np.ndarray, "way 4 4"]
+) -> Float64[np.ndarray, "k way"]:
+    """What it costs to work from below, where one sees little: parts are put on along their -z."""
+    outwards_up = roots[:, None, 1, :3] @ T_root_from_part[:, :3, 2].T
+    return np.asarray(_FROM_BELOW_COST * np.maximum(0.35 - outwards_up[:, 0], 0.0))
 
 
 def _holding_cost(
