@@ -90,7 +90,7 @@ class Scene:
     lights: tuple[Light, ...]
     seed: int
     ambient: Color = (0.30, 0.31, 0.33)
-    backdrop: Color = (0.35, 0.36, 0.38)
+    backdrop: Color = (0.06, 0.06, 0.065)
 
     @cached_property
     def static_surfaces(self) -> Surfaces:

@@ -13,8 +13,9 @@ from assemblyhands_core.synthetic.compiled import compiled
 from assemblyhands_core.synthetic.lens_rays import LensRays
 from assemblyhands_core.synthetic.surfaces import MISS, Hits, Surfaces
 
-_BOW = 1 / 4  # how far the image of an edge may bow, as a share of length² / focal: twice that of a circle through it
+_BOW = 0.15  # how far the image of an edge may bow, as a share of length² / focal: 0.08 in an equidistant fisheye
 _MARGIN_PX = 0.02
+_CUT_MARGIN_PX = 12.0  # at most, for a face of which only a part is in the field and how long it is there is not known
 
 
 def cast_at(
@@ -73,15 +74,19 @@ def _meet(
         left, top, right, bottom, missing = np.inf, np.inf, -np.inf, -np.inf, 0
         for corner in range(3):
             x, y = images[faces[face, corner], 0], images[faces[face, corner], 1]
-            if np.isnan(x):  # out of the field: somewhere on that side of the picture
+            if np.isnan(x):  # out of the field: in that direction from the middle, but outside the picture
                 missing += 1
-                x = np.inf if vertices[faces[face, corner], 0] > 0 else -np.inf
-                y = np.inf if vertices[faces[face, corner], 1] > 0 else -np.inf
-            left, right, top, bottom = min(left, x), max(right, x), min(top, y), max(bottom, y)
+                x, y = vertices[faces[face, corner], 0], vertices[faces[face, corner], 1]
+                length = max(np.sqrt(x * x + y * y), 1e-9)
+                for radius in (0.5 * min(width, height), 2.0 * max(width, height)):
+                    u, v = 0.5 * width + radius * x / length, 0.5 * height + radius * y / length
+                    left, right, top, bottom = min(left, u), max(right, u), min(top, v), max(bottom, v)
+            else:
+                left, right, top, bottom = min(left, x), max(right, x), min(top, y), max(bottom, y)
         if missing == 3:
             continue
         wide, high = min(right - left, 1.0 * width), min(bottom - top, 1.0 * height)
-        margin = _MARGIN_PX + (wide * wide + high * high) * bow
+        margin = _MARGIN_PX + min((wide * wide + high * high) * bow, _CUT_MARGIN_PX if missing else np.inf)
         x0, x1 = int(np.ceil(max(left - margin, 0.0))), int(min(right + margin, width - 1.0))
         y0, y1 = int(np.ceil(max(top - margin, 0.0))), int(min(bottom + margin, height - 1.0))
         if x1 < x0 or y1 < y0:

@@ -126,11 +126,12 @@ def _with_moving(
     for index, light in enumerate(scene.lights):
         if light.casts_shadow and scene.moving:
             lamp = LampView.empty(light, view.ids.shape)
-            lamp.ask((surfaces, static_surfaces), pixels, shaded.positions_mm, shaded.normals)
+            facing = shaded.facing(index)
+            lamp.ask((surfaces, static_surfaces), pixels[facing], shaded.positions_mm[facing])
             area = _blocks(static.shadow_tiles(scene, index), lamp.blocks.shape)
             darker = lamp.ask_area((surfaces,), area, is_static & static.is_lit(index), static.positions_mm)
             _darken(view.linear, static.direct[index], darker, view.shares(lamp, darker), is_changed)
-            shares[index] = view.shares(lamp, pixels)
+            shares[index, facing] = view.shares(lamp, pixels[facing])
     collect(pixels, shaded.terms, shares, view.linear, view.direct)
     return view, is_changed
 

@@ -28,13 +28,15 @@ class Shaded:
 
     Attributes:
         positions_mm: A little off the surface.
-        normals: Unit, towards the camera.
         terms: Linear light that each sends to the camera: from everywhere, then from each of the scene's lights.
     """
 
     positions_mm: Float32[np.ndarray, "point 3"]
-    normals: Float32[np.ndarray, "point 3"]
     terms: Float32[np.ndarray, "point term 3"]
+
+    def facing(self, light: int) -> Int32[np.ndarray, " facing"]:
+        """Return which points face one of the lights."""
+        return _facing(self.terms, light)
 
 
 def shade(scene: Scene, surfaces: Surfaces, camera: Camera, rays: Float32[np.ndarray, "point 3"], hits: Hits) -> Shaded:
@@ -47,7 +49,7 @@ def shade(scene: Scene, surfaces: Surfaces, camera: Camera, rays: Float32[np.nda
     shine = points.bodies, surfaces.gloss, surfaces.metallic
     ambient = np.array(scene.ambient, dtype=np.float32)
     terms = _light_terms(points.positions_mm, points.normals, rays, points.albedo, *shine, lamps, ambient)
-    return Shaded(points.positions_mm, points.normals, terms)
+    return Shaded(points.positions_mm, terms)
 
 
 def pixel_rad(camera: Camera) -> float:
@@ -139,3 +141,14 @@ def collect(
                 if lamp < len(direct):
                     direct[lamp, row, column, k] = min(int(part * WHITE + 0.5), 65535)
             linear[row, column, k] = min(int(light * WHITE + 0.5), 65535)
+
+
+@compiled
+def _facing(terms: Float32[np.ndarray, "point term 3"], light: int) -> Int32[np.ndarray, " facing"]:
+    facing = np.empty(len(terms), np.int32)
+    count = 0
+    for i in range(len(terms)):
+        if terms[i, 1 + light, 0] + terms[i, 1 + light, 1] + terms[i, 1 + light, 2] > 0:
+            facing[count] = i
+            count += 1
+    return facing[:count]

@@ -1,8 +1,8 @@
-"""Soft shadows: one ray per pixel and lamp, towards one of sixteen points on the lamp, then joined with its neighbours.
+"""Soft shadows: a ray from every second pixel to one of eight points on a lamp, then joined with its neighbours'.
 
 Which of the points a pixel aims at repeats every 4 × 4 pixels, so that any 4 × 4 of them together see the whole lamp,
 and nothing has to be drawn at random ("interleaved sampling", Keller and Heidrich 2001). One pixel of each 4 × 4 block
-is asked first; where it agrees with those of the blocks around, the others need not be.
+is asked first, so that 3 × 3 blocks see all points; where these agree, the other pixels need not be asked.
 """
 
 from collections.abc import Callable
@@ -18,10 +18,10 @@ from assemblyhands_core.synthetic.surfaces import Surfaces
 
 BLOCK_PX = 4
 
-_BLOCKED, _LIT, _UNKNOWN = 0, 1, 2  # what a pixel's ray found; unknown also where the surface faces away
+_BLOCKED, _LIT, _UNKNOWN = 0, 1, 2  # what a pixel's ray found; unknown where none was cast
 _SAW_BLOCKED, _SAW_LIT = 1, 2  # what the rays of a block found, as bits
 _GAP_MM = 5.0  # neighbours further behind one another, plus some pixels' size, lie on different surfaces
-_NO_NORMALS = np.zeros((0, 3), np.float32)
+_FIRST, _ASKED, _ALL = 0, 1, 2  # pixels of a block: the one asked first, every second, every
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,20 +49,18 @@ class LampView:
         blockers: tuple[Surfaces, ...],
         pixels: Int32[np.ndarray, " point"],
         positions_mm: Float32[np.ndarray, "point 3"],
-        normals: Float32[np.ndarray, "point 3"],
     ) -> None:
         """Find out what some pixels see of the lamp.
 
         Args:
             blockers: Asked one after the other, for the points that those before leave lit.
             pixels: Flat indices.
-            positions_mm: What they show, a little off the surface.
-            normals: Of the surface; points that face away from the lamp see nothing of it and cost no ray.
+            positions_mm: What they show, facing the lamp and a little off the surface.
         """
         first, others = _one_per_block(pixels, self.found.shape[1])
-        self._cast(blockers, pixels[first], positions_mm[first], normals[first])
+        self._cast(blockers, pixels[first], positions_mm[first])
         asked = others[_undecided(pixels[others], self.found, self.blocks)]
-        self._cast(blockers, pixels[asked], positions_mm[asked], normals[asked])
+        self._cast(blockers, pixels[asked], positions_mm[asked])
 
     def ask_area(
         self,
@@ -82,12 +80,12 @@ class LampView:
         Returns:
             Flat indices of those that may see less than all of it.
         """
-        pixels = _area_pixels(area, is_shown, True)
-        self._cast(blockers, pixels, positions_mm(pixels), _NO_NORMALS)
+        pixels = _area_pixels(area, is_shown, _FIRST)
+        self._cast(blockers, pixels, positions_mm(pixels))
         disagree = _with_neighbours(self.blocks) == _SAW_BLOCKED + _SAW_LIT
-        pixels = _area_pixels(area & (disagree | (self.blocks == 0)), is_shown, False)
-        self._cast(blockers, pixels, positions_mm(pixels), _NO_NORMALS)
-        return _area_pixels(area & (_with_neighbours(self.blocks) & _SAW_BLOCKED > 0), is_shown, False)
+        pixels = _area_pixels(area & (disagree | (self.blocks == 0)), is_shown, _ASKED)
+        self._cast(blockers, pixels, positions_mm(pixels))
+        return _area_pixels(area & (_with_neighbours(self.blocks) & _SAW_BLOCKED > 0), is_shown, _ALL)
 
     def shares(
         self,
@@ -98,7 +96,7 @@ class LampView:
     ) -> Float32[np.ndarray, " point"]:
         """Return the share of the lamp that pixels see, from their neighbours on the same surface.
 
-        The weights 1/2 1 1 1 1/2 along both axes count each of the 4 × 4 points of the lamp once.
+        The weights 1/2 1 1 1 1/2 along both axes count each of the eight points of the lamp once.
 
         Args:
             pixels: Flat indices of the pixels asked for.
@@ -113,11 +111,10 @@ class LampView:
         self,
         blockers: tuple[Surfaces, ...],
         pixels: Int32[np.ndarray, " asked"],
-        positions_mm: Float32[np.ndarray, "asked 3"],
-        normals: Float32[np.ndarray, "facing 3"],
+        origins: Float32[np.ndarray, "asked 3"],
     ) -> None:
         points = np.array(self.lamp.position_mm, dtype=np.float32) + _lamp_points(self.lamp.radius_mm)
-        pixels, origins, segments = _segments(pixels, positions_mm, normals, self.found.shape[1], points)
+        segments = _segments(pixels, origins, self.found.shape[1], points)
         is_blocked = np.zeros(len(pixels), dtype=bool)
         for surfaces in blockers:
             free = np.flatnonzero(~is_blocked)
@@ -127,35 +124,40 @@ class LampView:
 
 
 @lru_cache(16)
-def _lamp_points(radius_mm: float) -> Float32[np.ndarray, "16 3"]:
+def _lamp_points(radius_mm: float) -> Float32[np.ndarray, "8 3"]:
     """Return points spread evenly over a sphere around the origin, in an order that scatters neighbours."""
-    index = np.arange(BLOCK_PX**2)
+    index = np.array([0, 4, 6, 2, 3, 7, 5, 1])
     z = (2 * index + 1) / len(index) - 1
     angle = index * np.pi * (3 - np.sqrt(5))
     points = np.stack((np.sqrt(1 - z**2) * np.cos(angle), np.sqrt(1 - z**2) * np.sin(angle), z), axis=-1)
-    order = [0, 8, 2, 10, 12, 4, 14, 6, 3, 11, 1, 9, 15, 7, 13, 5]  # Bayer's: far apart next to one another
-    return np.asarray(radius_mm * points[order], dtype=np.float32)
+    return np.asarray(radius_mm * points, dtype=np.float32)
+
+
+@compiled
+def _target(row: int, column: int) -> int:
+    """Return which of the eight points a pixel aims at, -1 for none: a chessboard of which the white squares do."""
+    return -1 if (row + column) & 1 else 2 * (row & 3) + ((column & 3) >> 1)
 
 
 @compiled
 def _is_first(row: int, column: int) -> bool:
-    """Tell whether a pixel is the one of its block that is asked first: not the same one in all blocks."""
-    across, down = (column // 4 + 2 * (row // 4)) % 4, (row // 4 + column // 8) % 4
-    return bool(column % 4 == across and row % 4 == down)
+    """Tell whether a pixel is the one of its block asked first; in any 3 × 3 blocks these aim at all points."""
+    return bool(_target(row, column) == (column // 4 + 3 * (row // 4)) & 7)
 
 
 @compiled
 def _one_per_block(
     pixels: Int32[np.ndarray, " point"], width: int
 ) -> tuple[Int32[np.ndarray, " first"], Int32[np.ndarray, " other"]]:
-    """Split a list of pixels, by place, into those asked first and the others."""
+    """Return, by place in the list, the pixels asked first and the others that may be asked."""
     first, others = np.empty(len(pixels), np.int32), np.empty(len(pixels), np.int32)
     num_first, num_others = 0, 0
     for i in range(len(pixels)):
-        if _is_first(pixels[i] // width, pixels[i] % width):
+        row, column = pixels[i] // width, pixels[i] % width
+        if _is_first(row, column):
             first[num_first] = i
             num_first += 1
-        else:
+        elif _target(row, column) >= 0:
             others[num_others] = i
             num_others += 1
     return first[:num_first], others[:num_others]
@@ -163,7 +165,7 @@ def _one_per_block(
 
 @compiled
 def _area_pixels(
-    area: Bool[np.ndarray, "row column"], is_shown: Bool[np.ndarray, "height width"], only_first: bool
+    area: Bool[np.ndarray, "row column"], is_shown: Bool[np.ndarray, "height width"], which: int
 ) -> Int32[np.ndarray, " pixel"]:
     """Return the flat indices of the pixels of blocks that count, block by block so that rays stay together."""
     height, width = is_shown.shape
@@ -174,7 +176,9 @@ def _area_pixels(
             if area[row, column]:
                 for y in range(4 * row, min(4 * row + 4, height)):
                     for x in range(4 * column, min(4 * column + 4, width)):
-                        if is_shown[y, x] and (not only_first or _is_first(y, x)):
+                        if which == _FIRST and not _is_first(y, x):
+                            continue
+                        if is_shown[y, x] and (which == _ALL or _target(y, x) >= 0):
                             pixels[count] = y * width + x
                             count += 1
     return pixels[:count]
@@ -216,24 +220,16 @@ def _undecided(
 def _segments(
     pixels: Int32[np.ndarray, " asked"],
     positions: Float32[np.ndarray, "asked 3"],
-    normals: Float32[np.ndarray, "facing 3"],
     width: int,
-    lamp: Float32[np.ndarray, "16 3"],
-) -> tuple[Int32[np.ndarray, " ray"], Float32[np.ndarray, "ray 3"], Float32[np.ndarray, "ray 3"]]:
-    """Return, for the points that face the lamp (all if there are no normals), pixel, point and the way to the lamp."""
-    facing = np.empty(len(pixels), np.int32)
-    origins, segments = np.empty((len(pixels), 3), np.float32), np.empty((len(pixels), 3), np.float32)
-    count = 0
+    lamp: Float32[np.ndarray, "8 3"],
+) -> Float32[np.ndarray, "asked 3"]:
+    """Return the ways from points to the lamp."""
+    segments = np.empty((len(pixels), 3), np.float32)
     for i in range(len(pixels)):
-        target = (pixels[i] // width) % 4 * 4 + (pixels[i] % width) % 4
-        px, py, pz = positions[i, 0], positions[i, 1], positions[i, 2]
-        x, y, z = lamp[target, 0] - px, lamp[target, 1] - py, lamp[target, 2] - pz
-        if len(normals) == 0 or x * normals[i, 0] + y * normals[i, 1] + z * normals[i, 2] > 0:
-            facing[count] = pixels[i]
-            origins[count, 0], origins[count, 1], origins[count, 2] = px, py, pz
-            segments[count, 0], segments[count, 1], segments[count, 2] = x, y, z
-            count += 1
-    return facing[:count], origins[:count], segments[:count]
+        target = _target(pixels[i] // width, pixels[i] % width)
+        for axis in range(3):
+            segments[i, axis] = lamp[target, axis] - positions[i, axis]
+    return segments
 
 
 @compiled
@@ -274,8 +270,10 @@ def _smoothed(
         for y in range(max(row - 2, 0), min(row + 3, height)):
             weight_y = 0.5 if abs(y - row) == 2 else 1.0
             for x in range(max(column - 2, 0), min(column + 3, width)):
+                if _target(y, x) < 0:
+                    continue
                 value = found[y, x]
-                if value == _UNKNOWN:  # not asked because all around agreed, or facing away in a block where none did
+                if value == _UNKNOWN:  # not asked because all around agreed
                     value = _LIT if blocks[y // 4, x // 4] == _SAW_LIT else value
                 if value != _UNKNOWN and ids[y, x] == own and abs(distances[y, x] - distance) < gap:
                     weight = weight_y * (0.5 if abs(x - column) == 2 else 1.0)

@@ -147,9 +147,10 @@ def _light(view: View, scene: Scene, blockers: tuple[Surfaces, ...], parts: list
     for index, light in enumerate(scene.lights):
         if light.casts_shadow:
             lamp = LampView.empty(light, view.ids.shape)
-            for pixels, shaded in parts:
-                lamp.ask(blockers, pixels, shaded.positions_mm, shaded.normals)
-            for share, (pixels, _) in zip(shares, parts, strict=True):
-                share[index] = view.shares(lamp, pixels)
+            facing = [shaded.facing(index) for _, shaded in parts]
+            for chosen, (pixels, shaded) in zip(facing, parts, strict=True):
+                lamp.ask(blockers, pixels[chosen], shaded.positions_mm[chosen])
+            for chosen, share, (pixels, _) in zip(facing, shares, parts, strict=True):
+                share[index, chosen] = view.shares(lamp, pixels[chosen])
     for share, (pixels, shaded) in zip(shares, parts, strict=True):
         collect(pixels, shaded.terms, share, view.linear, view.direct)
