@@ -256,7 +256,7 @@ def _forearm(subject: Subject, hand: Hand, skin: Color) -> tuple[Shape, ...]:
 
 def _watch(hand: Hand, end_mm: float, wrist: float, is_over_sleeve: bool) -> list[Shape]:
     """A strap around the wrist and a dial on its back."""
-    z, radius = end_mm - 40.0, 31.5 * wrist
+    z, radius = end_mm - 42.0, 33.5 * wrist
     face = transforms.rigid(rotation(np.array([-np.pi / 2, 0.0, 0.0])), np.array([0.0, 17.5 * wrist, z]))
     strap = transforms.rigid(np.eye(3), np.array([0.0, 0.0, z]))
     return [

@@ -15,6 +15,8 @@ from assemblyhands_core.synthetic.person import Posture
 _HEAD_MM: Final = np.array([48.0, 138.0, 0.0])
 """Middle of the head above the base of the neck, head upright."""
 _DESK_MM: Final = np.array([70.0, 90.0, 80.0])
+_EYES_DOWN_MM: Final = np.array([60.0, 150.0, 0.0])
+"""The head turns to a point above the hands; the eyes look down the rest."""
 _EAGERNESS: Final = 0.7
 """Share of the hands' way from the middle of the desk that the head follows; the eyes do the rest."""
 _UNREST_HZ: Final = np.array([0.11, 0.29, 0.53])
@@ -68,7 +70,7 @@ class Gaze:
         """
         target = _DESK_MM + _EAGERNESS * (0.5 * sum(hands_mm[hand] for hand in HANDS) - _DESK_MM)
         waves = np.sin(2 * np.pi * _UNREST_HZ[:, None] * t_s + np.array(self.phases_rad)).sum(axis=0)
-        target = target + _UNREST_MM * waves[:3]
+        target = target + _EYES_DOWN_MM + _UNREST_MM * waves[:3]
         for glance in self.glances:
             target = target + glance.share(t_s) * np.array(glance.offset_mm)
         trunk = posture.T_world_from_trunk[:3, :3]

@@ -23,9 +23,9 @@ _TABLE_X_MM: Final = (-170.0, 560.0)
 _TABLE_Z_MM: Final = (-520.0, 680.0)
 _TABLES: Final[tuple[tuple[Color, Color], ...]] = (
     ((0.46, 0.29, 0.16), (0.30, 0.17, 0.08)),
-    ((0.62, 0.49, 0.34), (0.48, 0.35, 0.22)),
+    ((0.50, 0.38, 0.26), (0.37, 0.26, 0.16)),
     ((0.20, 0.11, 0.06), (0.11, 0.055, 0.03)),
-    ((0.58, 0.57, 0.55), (0.50, 0.49, 0.47)),
+    ((0.44, 0.43, 0.42), (0.36, 0.36, 0.35)),
 )
 _WALLS: Final[tuple[Color, ...]] = ((0.55, 0.53, 0.50), (0.42, 0.46, 0.50), (0.50, 0.50, 0.44), (0.20, 0.21, 0.23))
 _POSTERS: Final[tuple[Color, ...]] = ((0.45, 0.12, 0.08), (0.08, 0.22, 0.40), (0.55, 0.45, 0.15), (0.12, 0.30, 0.16))
@@ -41,7 +41,7 @@ def draw_lights(rng: np.random.Generator) -> tuple[Light, ...]:
     warmth = float(rng.uniform(0.86, 1.06))
     lamps = []
     for z_mm in (float(rng.uniform(-650, -250)), float(rng.uniform(350, 750))):
-        power = float(rng.uniform(1.2, 1.8))
+        power = float(rng.uniform(0.95, 1.45))
         place = (float(rng.uniform(-100, 500)), float(rng.uniform(1300, 1600)), z_mm)
         lamps.append(Light(place, float(rng.uniform(110, 220)), (power, power * (0.5 + 0.5 * warmth), power * warmth)))
     side = 1.0 if rng.random() < 0.5 else -1.0
