@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 from dataclasses import replace
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from jaxtyping import Float64
@@ -46,14 +46,16 @@ def nearest_mm(
         T_part_from_world = transforms.inverse(now.T_world_from(name))
         distance = bench.part(name).signed_distance_mm(transforms.apply(T_part_from_world, joints_world_mm))
         nearest = np.minimum(nearest, (distance - flesh).min(axis=-1))
-    return nearest
+    return np.asarray(nearest)
 
 
-def apart_mm(one_mm: Float64[np.ndarray, "*batch joint 3"], other_mm: Float64[np.ndarray, "21 3"]) -> Any:
+def apart_mm(
+    one_mm: Float64[np.ndarray, "*batch joint 3"], other_mm: Float64[np.ndarray, "21 3"]
+) -> Float64[np.ndarray, "*batch"]:
     """Return the least distance between the skins of two hands, negative where they meet, for each of a batch."""
     flesh = np.tile(FLESH_MM, one_mm.shape[-2] // len(FLESH_MM))
     distance = np.linalg.norm(one_mm[..., None, :] - other_mm, axis=-1) - flesh[:, None] - FLESH_MM
-    return distance.min(axis=(-1, -2))
+    return np.asarray(distance.min(axis=(-1, -2)))
 
 
 def travel(bench: Bench, hand: Hand, key: HandKey) -> float:

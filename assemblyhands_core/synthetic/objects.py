@@ -139,7 +139,9 @@ class Part:
     @cached_property
     def albedo(self) -> Float64[np.ndarray, "vertex 3"]:
         """The colour of each vertex."""
-        return np.concatenate([np.tile(p.color, (len(p.solid.mesh.vertices_mm), 1)) for p in self.pieces])
+        return np.concatenate(
+            [np.tile(np.array(p.color, dtype=np.float64), (len(p.solid.mesh.vertices_mm), 1)) for p in self.pieces]
+        )
 
 
 @dataclass(frozen=True, eq=False)

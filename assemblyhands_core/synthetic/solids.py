@@ -5,7 +5,7 @@ Convention: a solid lives in its own frame in mm, turned solids (`Lathe`) about 
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -16,19 +16,6 @@ class Mesh(NamedTuple):
 
     vertices_mm: Float[np.ndarray, "vertex 3"]
     faces: Int[np.ndarray, "face 3"]
-
-
-class Solid(Protocol):
-    """What can be drawn and touched."""
-
-    @property
-    def mesh(self) -> Mesh:
-        """The surface."""
-        ...
-
-    def signed_distance_mm(self, points_mm: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch"]:
-        """Return the distance of points to the surface, negative inside."""
-        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,6 +88,10 @@ class Lathe:
         share = np.clip((offset * along).sum(-1) / np.maximum((along * along).sum(-1), 1e-12), 0.0, 1.0)
         distance = np.linalg.norm(offset - share[..., None] * along, axis=-1).min(axis=-1)
         return np.asarray(np.where(_is_inside(flat, start, end), -distance, distance))
+
+
+Solid: TypeAlias = Box | Lathe
+"""What can be drawn and touched."""
 
 
 def cylinder(radius_mm: float, length_mm: float, bevel_mm: float = 1.0, num_sides: int = 24) -> Lathe:

@@ -196,8 +196,10 @@ def _mug(rng: np.random.Generator, color: Color, second: Color) -> list[Part]:
     mug = Part("mug", "mug", (cup,), 0.0, grip_around(2 * radius, 0.5 * height), gloss=0.7)
     shaft = piece(tapered_capsule(2.5, 4.5, 128.0, 10), second, (0.0, 0.0, 3.0))
     work = grip_from_above("tripod", 9.0, 104.0, 12)
-    lean = transforms.rigid(rotation(np.array([0.16, 0.0, 0.0])), np.array([0.0, 12.0, 10.0]))
-    mount = Mount("mug", lean)
+    # From the bottom on one side to the rim on the other; walls are 4 mm and the bottom 6 mm thick.
+    angle = float(np.arctan2(8.0 + radius - 8.5, height - 6.0))
+    leaning = rotation(np.array([angle, 0.0, 0.0]))
+    mount = Mount("mug", transforms.rigid(leaning, np.array([0.0, 8.0, 9.0 - 3.0 * np.cos(angle)])))
     return [mug, Part("pen", "pen", (shaft,), 5.0, grip_lying("tripod", 9.0, 92.0), work, True, mount)]
 
 

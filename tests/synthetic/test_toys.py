@@ -1,0 +1,56 @@
+"""The sets of things: closed, resting on the table, fitting one another, different by seed."""
+
+from typing import get_args
+
+import numpy as np
+import pytest
+
+from assemblyhands_core.geometry import transforms
+from assemblyhands_core.synthetic.objects import PartSet
+from assemblyhands_core.synthetic.toys import SetKind, draw_set, nouns
+
+SETS = [(kind, draw_set(kind, np.random.default_rng(seed))) for kind in get_args(SetKind) for seed in range(4)]
+
+
+@pytest.mark.parametrize(("kind", "parts"), SETS)
+def test_all_parts_are_closed(kind: SetKind, parts: PartSet) -> None:
+    for part in parts.parts.values():
+        edges = np.concatenate([part.faces[:, [i, (i + 1) % 3]] for i in range(3)])
+        assert {tuple(edge) for edge in edges} == {tuple(edge[::-1]) for edge in edges}, part.name
+        assert len(np.unique(edges, axis=0)) == len(edges)
+
+
+@pytest.mark.parametrize(("kind", "parts"), SETS)
+def test_parts_rest_on_the_table(kind: SetKind, parts: PartSet) -> None:
+    for part in parts.parts.values():
+        lowest = transforms.apply(part.resting(0.0, 0.0, 0.3, -20.0), part.vertices_mm)[:, 1].min()
+        assert lowest == pytest.approx(-20.0, abs=1.5), part.name
+
+
+@pytest.mark.parametrize(("kind", "parts"), SETS)
+def test_mounted_parts_touch_what_they_are_on_without_being_buried_in_it(kind: SetKind, parts: PartSet) -> None:
+    for part in parts.parts.values():
+        if part.mount is None:
+            continue
+        on_parent = transforms.apply(part.mount.T_parent_from_part, part.vertices_mm)
+        distance = parts.parts[part.mount.parent].signed_distance_mm(on_parent)
+        assert distance.min() < 3.0, part.name
+        assert np.median(distance) > -3.0, part.name
+
+
+def test_a_vehicle_has_what_the_verbs_need() -> None:
+    parts = draw_set("assembly", np.random.default_rng(0))
+    assert nouns([parts]) == ("bumper", "cabin", "chassis", "screw", "screwdriver", "wheel")
+    assert sum(part.noun == "wheel" for part in parts.parts.values()) == 4
+    assert sum(part.mount is not None and part.mount.travel_mm > 0 for part in parts.parts.values()) == 5
+    assert parts.tool == "screwdriver" and parts.parts[parts.workpiece].mount is None
+    assert not set(nouns([parts])) & set(nouns([draw_set("desktop", np.random.default_rng(0))]))
+
+
+def test_the_same_seed_gives_the_same_things_and_another_seed_others() -> None:
+    one, same, other = (draw_set("assembly", np.random.default_rng(seed)) for seed in (1, 1, 2))
+    assert one.toy_id == same.toy_id
+    for name, part in one.parts.items():
+        assert part.vertices_mm.tobytes() == same.parts[name].vertices_mm.tobytes()
+        assert part.albedo.tobytes() == same.parts[name].albedo.tobytes()
+    assert any(p.vertices_mm.tobytes() != other.parts[n].vertices_mm.tobytes() for n, p in one.parts.items())
