@@ -15,6 +15,11 @@ class BackgroundCache:
         self._scene: Scene | None = None
         self._views: dict[str, View] = {}
 
+    @property
+    def num_views(self) -> int:
+        """How many cameras' pictures are kept."""
+        return len(self._views)
+
     def surfaces(self, scene: Scene) -> Surfaces:
         """Return the static bodies as one mesh, made once.
 

@@ -76,14 +76,16 @@ def _light_terms(
     These are brighter on the side of the lamps.
     """
     terms = np.zeros((len(positions), 1 + len(lamps), 3), np.float32)
-    middle_x, middle_y, middle_z = np.mean(lamps[:, 0]), np.mean(lamps[:, 1]), np.mean(lamps[:, 2])
+    count = max(len(lamps), 1)
+    middle_x, middle_y, middle_z = lamps[:, 0].sum() / count, lamps[:, 1].sum() / count, lamps[:, 2].sum() / count
+    sided = 1.0 if len(lamps) else 0.0  # without lamps light comes from all sides alike
     for i in range(len(positions)):
         shine, metal = gloss[bodies[i]], metallic[bodies[i]]
         px, py, pz = positions[i, 0], positions[i, 1], positions[i, 2]
         nx, ny, nz = normals[i, 0], normals[i, 1], normals[i, 2]
         rx, ry, rz = rays[i, 0], rays[i, 1], rays[i, 2]
         ux, uy, uz = middle_x - px, middle_y - py, middle_z - pz
-        scale = 1 / np.sqrt(ux * ux + uy * uy + uz * uz + 1e-9)
+        scale = sided / np.sqrt(ux * ux + uy * uy + uz * uz + 1e-9)
         facing = -(nx * rx + ny * ry + nz * rz)
         lift = (nx * ux + ny * uy + nz * uz) * scale
         mirror = max((rx * ux + ry * uy + rz * uz) * scale + 2 * facing * lift, 0.0)

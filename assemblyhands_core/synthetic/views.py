@@ -15,7 +15,7 @@ from assemblyhands_core.synthetic.shading import WHITE, Shaded, collect, pixel_r
 from assemblyhands_core.synthetic.shadows import LampView
 from assemblyhands_core.synthetic.surfaces import FAR_MM, MISS, Hits, Surfaces
 
-Points = tuple[Int32[np.ndarray, " pixel"], Shaded]
+Points = tuple[Int32[np.ndarray, " _"], Shaded]
 """Pixels, as flat indices, and what they show."""
 
 
