@@ -131,4 +131,4 @@ def _harm(bench: Bench, hand: Hand, now: Instant) -> float:
         _HANDS_MM - apart,
         _TABLE_MM - low,
     )
-    return sum(max(gap, 0.0) ** 2 for gap in gaps)
+    return float(sum((max(float(gap), 0.0) ** 2 for gap in gaps), 0.0))
