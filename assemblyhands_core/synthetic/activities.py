@@ -1,8 +1,8 @@
 """Scripts of takes: which verb comes next, for whom and how long, drawn from what is possible on the bench.
 
-Designed frequencies (share of segments, over many assembly takes): pick up 0.31, position 0.22, put down 0.20, remove
-0.11, screw 0.10, unscrew 0.06; screw and unscrew last some seconds, the others about one. What is taken is put
-somewhere: pick up + remove = position + put down.
+Designed frequencies (share of segments, over many assembly takes of a minute): pick up 0.31, position 0.21, put down
+0.20, remove 0.12, screw 0.10, unscrew 0.06; screw and unscrew last some seconds, the others one or two. What is taken
+is put somewhere: pick up + remove = position + put down.
 """
 
 from collections.abc import Callable
@@ -98,8 +98,8 @@ _PICK_WEIGHT: Final = {True: 1.5, False: 0.12}
 _REMOVE_WEIGHT: Final = {True: 0.12, False: 2.5}
 _USELESS: Final = 0.12
 _TOOL_WEIGHT: Final = 2.5
-_SCREW_WEIGHT: Final = 1.2
-_UNSCREW_WEIGHT: Final = 0.5
+_SCREW_WEIGHT: Final = 2.0
+_UNSCREW_WEIGHT: Final = 0.3
 _BY_TOOL: Final = 4.0
 
 

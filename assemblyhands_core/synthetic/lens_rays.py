@@ -56,7 +56,7 @@ def _build(width: int, height: int, fx: float, fy: float, cx: float, cy: float, 
     camera = Camera("lens", width, height, fx, fy, cx, cy, lens, np.eye(4))
     step = 2 * max(width, height) if isinstance(lens, Pinhole) else _STEP_PX
     nodes = _nodes(camera, step)
-    while step > _MIN_STEP_PX:
+    while step > _MIN_STEP_PX and not isinstance(lens, Pinhole):
         finer = _nodes(camera, step // 2)
         if _largest_difference(nodes, finer) * max(fx, fy) <= MAX_RESIDUAL_PX:
             break

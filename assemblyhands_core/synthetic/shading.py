@@ -17,9 +17,11 @@ WHITE = 16384
 REFERENCE_MM = 1000.0
 """Where a lamp has its stated intensity."""
 
-_DIELECTRIC = 0.04  # what all that is no metal mirrors when seen straight on
-_AROUND, _TOWARDS_LAMPS = 0.72, 0.39  # light from everywhere: its mean, and how much more comes from the lamps' side
-_MIRRORED = 0.2  # the room seen in a mirror that does not show the lamps' side
+_DIELECTRIC = np.float32(0.04)  # what all that is no metal mirrors when seen straight on
+_AROUND, _TOWARDS_LAMPS = np.float32(0.72), np.float32(0.39)  # light from everywhere: mean, and more from the lamps
+_MIRRORED = np.float32(0.2)  # the room seen in a mirror that does not show the lamps' side
+_ZERO, _ONE, _EIGHT, _TINY = np.float32(0), np.float32(1), np.float32(8), np.float32(1e-6)
+_REFERENCE_SQUARED = np.float32(REFERENCE_MM**2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,42 +78,44 @@ def _light_terms(
     These are brighter on the side of the lamps.
     """
     terms = np.zeros((len(positions), 1 + len(lamps), 3), np.float32)
-    count = max(len(lamps), 1)
-    middle_x, middle_y, middle_z = lamps[:, 0].sum() / count, lamps[:, 1].sum() / count, lamps[:, 2].sum() / count
-    sided = 1.0 if len(lamps) else 0.0  # without lamps light comes from all sides alike
+    exponents = (2.8 * np.exp(5.5 * gloss)).astype(np.float32)
+    peaks = gloss * (exponents + _EIGHT) / _EIGHT
+    share = _ONE / np.float32(max(len(lamps), 1))
+    sided = _ONE if len(lamps) else _ZERO  # without lamps light comes from all sides alike
+    middle_x, middle_y, middle_z = lamps[:, 0].sum() * share, lamps[:, 1].sum() * share, lamps[:, 2].sum() * share
     for i in range(len(positions)):
         shine, metal = gloss[bodies[i]], metallic[bodies[i]]
+        exponent, peak, matt = exponents[bodies[i]], peaks[bodies[i]], _ONE - metal
         px, py, pz = positions[i, 0], positions[i, 1], positions[i, 2]
         nx, ny, nz = normals[i, 0], normals[i, 1], normals[i, 2]
         rx, ry, rz = rays[i, 0], rays[i, 1], rays[i, 2]
         ux, uy, uz = middle_x - px, middle_y - py, middle_z - pz
-        scale = sided / np.sqrt(ux * ux + uy * uy + uz * uz + 1e-9)
+        scale = sided / np.sqrt(ux * ux + uy * uy + uz * uz + _TINY)
         facing = -(nx * rx + ny * ry + nz * rz)
         lift = (nx * ux + ny * uy + nz * uz) * scale
-        mirror = max((rx * ux + ry * uy + rz * uz) * scale + 2 * facing * lift, 0.0)
-        grazing = 1 - min(max(facing, 0.02), 1.0)
+        mirror = max((rx * ux + ry * uy + rz * uz) * scale + (facing + facing) * lift, _ZERO)
+        grazing = _ONE - min(max(facing, _ZERO), _ONE)
         grazing *= grazing * grazing * grazing * grazing * shine * shine
-        around = _AROUND * (1 - metal) * (1 + _TOWARDS_LAMPS * lift)
-        reflected = (_MIRRORED + mirror * mirror) * (shine * shine + metal * (1 - shine * shine))
+        around = _AROUND * matt * (_ONE + _TOWARDS_LAMPS * lift)
+        reflected = (_MIRRORED + mirror * mirror) * (shine * shine + metal * (_ONE - shine * shine))
         for k in range(3):
             straight = _DIELECTRIC + metal * (albedo[i, k] - _DIELECTRIC)
-            fresnel = straight + (1 - straight) * grazing
+            fresnel = straight + (_ONE - straight) * grazing
             terms[i, 0, k] = ambient[k] * (albedo[i, k] * around + fresnel * reflected)
-        exponent = 2.8 * np.exp(5.5 * shine)
         for lamp in range(len(lamps)):
             lx, ly, lz = lamps[lamp, 0] - px, lamps[lamp, 1] - py, lamps[lamp, 2] - pz
             incident = lx * nx + ly * ny + lz * nz
-            if incident <= 0:
+            if incident <= _ZERO:
                 continue
-            squared = lx * lx + ly * ly + lz * lz
-            scale = 1 / np.sqrt(squared)
-            hx, hy, hz = lx * scale - rx, ly * scale - ry, lz * scale - rz
-            cosine = max((hx * nx + hy * ny + hz * nz) / np.sqrt(hx * hx + hy * hy + hz * hz + 1e-9), 0.0)
-            lobe = shine * (exponent + 8) / 8 * cosine / (exponent - exponent * cosine + cosine)
-            falloff = incident * scale * (REFERENCE_MM * REFERENCE_MM) / squared
+            scale = _ONE / np.sqrt(lx * lx + ly * ly + lz * lz)
+            incident *= scale
+            opposed = _ONE - (lx * rx + ly * ry + lz * rz) * scale  # half the square of the half-way vector
+            cosine = max((incident + facing) / np.sqrt(opposed + opposed + _TINY), _ZERO)
+            lobe = peak * cosine / (exponent - exponent * cosine + cosine)
+            falloff = incident * (_REFERENCE_SQUARED * scale * scale)
             for k in range(3):
                 straight = _DIELECTRIC + metal * (albedo[i, k] - _DIELECTRIC)
-                terms[i, 1 + lamp, k] = lamps[lamp, 3 + k] * falloff * (albedo[i, k] * (1 - metal) + straight * lobe)
+                terms[i, 1 + lamp, k] = lamps[lamp, 3 + k] * falloff * (albedo[i, k] * matt + straight * lobe)
     return terms
 
 

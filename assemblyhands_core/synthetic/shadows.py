@@ -269,9 +269,8 @@ def _smoothed(
         lit, weights = 0.0, 0.0
         for y in range(max(row - 2, 0), min(row + 3, height)):
             weight_y = 0.5 if abs(y - row) == 2 else 1.0
-            for x in range(max(column - 2, 0), min(column + 3, width)):
-                if _target(y, x) < 0:
-                    continue
+            left = max(column - 2, 0)
+            for x in range(left + ((left + y) & 1), min(column + 3, width), 2):  # those that have been asked
                 value = found[y, x]
                 if value == _UNKNOWN:  # not asked because all around agreed
                     value = _LIT if blocks[y // 4, x // 4] == _SAW_LIT else value

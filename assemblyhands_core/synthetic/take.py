@@ -21,6 +21,8 @@ from assemblyhands_core.synthetic.toys import SetKind, draw_set
 MAX_JOINT_SPEED_MM_S: Final = 2500.0
 """No joint of a hand is ever faster (tested); hands that reach for things peak at 1 to 1.5 m/s."""
 
+_SCRIPT_STREAM: Final = 0x7A4E
+_GAZE_STREAM: Final = 0x6A2E
 # The trunk and the head follow the hands as they are on average over this time around an instant.
 _FOLLOW_S: Final = np.linspace(-0.75, 0.75, 7)
 _FOLLOW_WEIGHTS: Final = np.array([1.0, 2.0, 3.0, 4.0, 3.0, 2.0, 1.0]) / 16.0
@@ -75,7 +77,7 @@ class Take:
 
     @classmethod
     def from_seed(cls, subject: int, seed: int, duration_s: float, kind: SetKind = "assembly") -> "Take":
-        """Draw a take; same arguments, same bytes.
+        """Draw a take; same arguments, same bytes, and a shorter one is the beginning of a longer one.
 
         Args:
             subject: Seed of the person.
@@ -84,10 +86,10 @@ class Take:
             kind: "assembly" or "desktop".
         """
         person = Subject.from_seed(subject)
-        rng = np.random.default_rng([subject, seed, 0x7A4E, int(kind == "desktop")])
+        rng = np.random.default_rng([subject, seed, _SCRIPT_STREAM, int(kind == "desktop")])
         parts = draw_set(kind, rng)
-        bench = write_script(person, parts, rng, duration_s)
-        gaze = Gaze.from_rng(rng, duration_s)
+        bench = write_script(person, parts, rng, duration_s + _FOLLOW_S[-1])
+        gaze = Gaze.from_rng(np.random.default_rng([subject, seed, _GAZE_STREAM]), duration_s)
         cut = (_cut(segment, duration_s) for segment in bench.segments)
         segments = sorted((s for s in cut if s is not None), key=lambda segment: segment.start_s)
         return cls(person, seed, kind, duration_s, parts, bench.tracks, gaze, tuple(segments))

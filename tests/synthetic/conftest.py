@@ -15,13 +15,19 @@ FRAME_RATE_HZ = 30.0
 @pytest.fixture(scope="session")
 def take() -> Take:
     """Some seconds with a vehicle; all checks below look at every frame of it."""
-    return Take.from_seed(3, 3, 12.0)
+    return Take.from_seed(3, 6, 14.0)
 
 
 @pytest.fixture(scope="session")
 def states(take: Take) -> list[State]:
     """The take at 30 Hz."""
     return [take.state_at(n / FRAME_RATE_HZ) for n in range(int(take.duration_s * FRAME_RATE_HZ))]
+
+
+@pytest.fixture(scope="session")
+def screwing_take() -> Take:
+    """More seconds with a vehicle, with what the other take lacks."""
+    return Take.from_seed(12, 25, 16.0)
 
 
 @pytest.fixture(scope="session")

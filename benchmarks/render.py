@@ -1,0 +1,134 @@
+"""Pictures per second of processor time, and where the time goes.
+
+    python benchmarks/render.py [--instants 5] [--subject 3]
+
+A person assembles a toy: hands, arms, trunk, head, tool and parts move. *Full*: 8 views of 1920 × 1080 and 4 of
+636 × 480 by cameras on the head. *Crops*: 8 views of 128 × 128 around the right hand. Beside them the same full views
+without kept backgrounds, and with everything but hands, forearms, tool and parts standing still (a trunk and head that
+move slowly may well be drawn so). The best of the instants counts, because other work on the machine only slows down.
+"""
+
+import argparse
+import cProfile
+import pstats
+import resource
+import time
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from assemblyhands_core.geometry.cameras import Camera
+from assemblyhands_core.geometry.crops import crop_camera, rectified, square_box
+from assemblyhands_core.synthetic.render import BackgroundCache, Body, Scene, Sensor, render, render_crops
+from assemblyhands_core.synthetic.rig import assembly_rig
+from assemblyhands_core.synthetic.scene import Studio
+from assemblyhands_core.synthetic.take import Take
+
+STEP_S = 0.5
+QUICK = ("hand", "forearm", "sleeve", "watch", "wheel", "screw", "chassis", "cabin", "bumper")
+PARTS = {
+    "surfaces.py": "Embree: primary rays of static bodies, shadow rays, meshes",
+    "casting.py": "primary rays of moving bodies",
+    "shadows.py": "shadows, without their rays",
+    "coverage.py": "where shadows may fall",
+    "materials.py": "textures",
+    "shading.py": "reflection",
+    "sensor.py": "sensor",
+}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--instants", type=int, default=5)
+    parser.add_argument("--subject", type=int, default=3)
+    options = parser.parse_args()
+    bench = Bench(Studio.of(Take.from_seed(options.subject, 5, 20.0)))
+    times = [4.0 + STEP_S * n for n in range(options.instants + 1)]  # the first one warms up
+    ways: dict[str, Callable[[float], None]] = {
+        "full, all move": bench.full,
+        "full, hands, arms and objects move": bench.full_quick,
+        "full, nothing kept": bench.full_anew,
+        "crops": bench.crops,
+    }
+    for name, way in ways.items():
+        way(times[0])
+        best = min(_seconds(way, t_s) for t_s in times[1:])
+        print(f"{name}: {1 / best:.2f} instants per second and core ({best * 1e3:.0f} ms)")
+        if name != "full, nothing kept":
+            _print_parts(way, times[1])
+    print(f"most memory: {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6:.2f} GB")
+
+
+class Bench:
+    """A take in front of a rig, and what is kept of it."""
+
+    def __init__(self, studio: Studio) -> None:
+        self._studio = studio
+        self._rig = assembly_rig(1)
+        self._cache, self._quick_cache = BackgroundCache(), BackgroundCache()
+        self._slow: tuple[Body, ...] = ()
+
+    def full(self, t_s: float) -> None:
+        """Take all pictures."""
+        self._take(self._scene(t_s), t_s, self._cache)
+
+    def full_anew(self, t_s: float) -> None:
+        """Take all pictures without a kept background."""
+        self._take(self._scene(t_s), t_s, None)
+
+    def full_quick(self, t_s: float) -> None:
+        """Take all pictures of a scene in which only hands, arms and objects move."""
+        scene = self._scene(t_s)
+        is_quick = [any(word in body.name for word in QUICK) for body in scene.moving]
+        if not self._slow:
+            slow = (body for body, quick in zip(scene.moving, is_quick, strict=True) if not quick)
+            self._slow = scene.static + tuple(slow)
+        moving = tuple(body for body, quick in zip(scene.moving, is_quick, strict=True) if quick)
+        self._take(replace(scene, static=self._slow, moving=moving), t_s, self._quick_cache)
+
+    def crops(self, t_s: float) -> None:
+        """Take pictures around the right hand."""
+        scene = self._scene(t_s)
+        (hand,) = (body.vertices_mm for body in scene.moving if body.name == "right hand")
+        targets = [rectified(camera) for camera in self._rig.exo.values()]
+        boxes = [square_box(target.project(hand.astype(np.float64)), 1.5) for target in targets]
+        cameras = [crop_camera(target, *box, 128) for target, box in zip(targets, boxes, strict=True)]
+        sensors = [_sensor(camera, False) for camera in cameras]
+        render_crops(scene, cameras, sensors=sensors, frame_seed=0, background_cache=self._cache)
+
+    def _scene(self, t_s: float) -> Scene:
+        return self._studio.scene(self._studio.take.state_at(t_s))
+
+    def _take(self, scene: Scene, t_s: float, cache: BackgroundCache | None) -> None:
+        pose = self._studio.take.state_at(t_s).T_headset_from_world
+        for camera_id, camera in self._rig.cameras_at(pose).items():
+            is_fixed = camera_id in self._rig.exo
+            sensor = _sensor(camera, not is_fixed)
+            render(scene, camera, sensor=sensor, frame_seed=0, background_cache=cache, is_fixed=is_fixed)
+
+
+def _sensor(camera: Camera, is_mono: bool) -> Sensor:
+    return Sensor.from_seed(1, camera.camera_id, is_mono=is_mono)
+
+
+def _seconds(way: Callable[[float], None], t_s: float) -> float:
+    begin = time.process_time()
+    way(t_s)
+    return time.process_time() - begin
+
+
+def _print_parts(way: Callable[[float], None], t_s: float) -> None:
+    profile = cProfile.Profile(time.process_time)
+    profile.runcall(way, t_s)
+    seconds: Counter[str] = Counter()
+    for (file, _, _), (_, _, own, _, _) in pstats.Stats(profile).stats.items():  # type: ignore[attr-defined]
+        seconds[PARTS.get(Path(file).name, "the rest: copies, selections, scene")] += own
+    for part, value in seconds.most_common():
+        print(f"    {value / seconds.total():4.0%}  {part}")
+
+
+if __name__ == "__main__":
+    main()
