@@ -15,7 +15,7 @@ from assemblyhands_core.synthetic.toys import SetKind
 
 NUM_INSTANTS: Final = 24
 DURATION_S: Final = 24.0
-"""The script of a take takes about a second of work; drawing both hands at so many instants takes several times that."""
+"""The script of a take takes about a second; drawing both hands at so many instants takes several times that."""
 
 _STREAM: Final = 0x7A1E
 # Recordings seed takes by a 32-bit checksum of their names and rigs by their day as eight digits: these are neither.
