@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final, Protocol
+from typing import Final, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float, Float64
@@ -38,6 +38,7 @@ class Windows:
         return self
 
 
+@runtime_checkable
 class CropBox(Protocol):
     """Decides where crops of a hand are cut."""
 
