@@ -16,14 +16,16 @@ from assemblyhands_core.data.digests import FileDigests
 from assemblyhands_core.data.store import Store
 from pipeline import summary
 from pipeline.config import RunConfig, UserError
-from pipeline.dag import TARGETS
+from pipeline.dag import STUDIO_TARGETS, TARGETS
 from pipeline.executors import open_executor, resolve_workers
 from pipeline.garbage import find_garbage
 from pipeline.history import History
 from pipeline.plan import make_plan, total_seconds
 from pipeline.progress import Progress
+from pipeline.publishing import publish
 from pipeline.recordings import select_recordings
 from pipeline.runner import Runner, results
+from pipeline.takes import absent_takes, select_takes, studio_folder
 from pipeline.tasks import Result
 from pipeline.view import write_view
 from pipeline.work import SequenceWork
@@ -40,10 +42,23 @@ def execute(command: str, config: RunConfig, command_line: str) -> int:
         return _plan(config, console)
     if command == "gc":
         return _collect_garbage(config, console)
+    if (before := _recording_first(config)) is not None:
+        _say(console, f"these sequences are recorded first, once, in the simulated studio: {before.seq}")
+        if code := _run(before, console, command_line):
+            return code
     return _run(config, console, command_line)
 
 
+def _recording_first(config: RunConfig) -> RunConfig | None:
+    """Return the run that records what this one needs and what is not there yet, None if all is."""
+    absent = [] if config.target in STUDIO_TARGETS else absent_takes(config)
+    return config.model_copy(update={"target": "simulate", "seq": ",".join(absent), "run": ""}) if absent else None
+
+
 def _plan(config: RunConfig, console: Console) -> int:
+    if (before := _recording_first(config)) is not None:
+        _say(console, f"the studio has to record first, the rest is known then: {before.seq}")
+        config = before
     works = _works(config, "plan")
     rows = make_plan(works, Store(config.workspace), History(config.workspace))
     summary.print_plan(console, rows, total_seconds(rows, resolve_workers(config.executor)[0]))
@@ -56,11 +71,15 @@ def _run(config: RunConfig, console: Console, command_line: str) -> int:
     with _lock(config.workspace, exclusive=False):
         found = _run_until_whole(config, run, console)
         folder = write_view(config, run, found, command_line)
+        if config.target == "simulate":
+            root = studio_folder(config.workspace)
+            for name in publish(config, found, root):
+                _say(console, f"recorded: {name} in {root}")
     summary.print_audit(console, folder)
     summary.print_left_out(console, folder)
     summary.print_quality(console, folder)
     summary.print_times(console, found, started)
-    console.print(f"results: {folder}", markup=False, highlight=False, soft_wrap=True)
+    _say(console, f"results: {folder}")
     if all(result.has_entry for result in found):
         return 0
     summary.print_failures(console, found, _logs(config, run))
@@ -102,10 +121,15 @@ def _works(config: RunConfig, run: str) -> list[SequenceWork]:
     digests = FileDigests(config.workspace / "file-digests.json")
     nodes = config.dag.upto(TARGETS.get(config.target, (config.target,)))
     threads = resolve_workers(config.executor)[1]
+    sequences = select_takes(config) if config.target in STUDIO_TARGETS else select_recordings(config)
     return [
-        SequenceWork(config, recording, recording.source_rows(digests), nodes, _logs(config, run), threads)
-        for recording in select_recordings(config)
+        SequenceWork(config, sequence, sequence.source_rows(digests), nodes, _logs(config, run), threads)
+        for sequence in sequences
     ]
+
+
+def _say(console: Console, sentence: str) -> None:
+    console.print(sentence, markup=False, highlight=False, soft_wrap=True)
 
 
 def _new_run_name(workspace: Path) -> str:

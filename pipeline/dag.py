@@ -5,31 +5,48 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from assemblyhands_core.data.catalog import CHUNKS, SOURCES
+from assemblyhands_core.data.studio_tables import TAKES
+from assemblyhands_core.data.tables import TableSpec
 from stages import (
     audit_recording,
     crop_hands,
+    deliver_recording,
     detect_hands,
     detect_keypoints,
     draw_overlays,
+    film_take,
     ingest,
     measure_quality,
+    script_take,
     triangulate,
     undistort,
 )
 from stages._contract import Stage
 
 SOURCE_EDGE: Final = "sources"  # the recording's own files, as the engine finds them
+TAKE_EDGE: Final = "takes"  # what the studio is to record, as the manifest orders it
+ORIGINS: Final[Mapping[str, TableSpec]] = {SOURCE_EDGE: SOURCES, TAKE_EDGE: TAKES}
+"""Edges that come from outside, and their tables."""
 
 
 @dataclass(frozen=True)
 class Node:
-    """A stage's place in the DAG: under which name it runs and which node's table fills each of its roles."""
+    """A stage's place in the DAG: under which name it runs and which node's table fills each of its roles.
+
+    Attributes:
+        chunk_edge: the edge upstream whose table says into which chunks a sequence is cut; empty before it is cut.
+    """
 
     name: str
     stage: Stage[Any]
     inputs: Mapping[str, str]
     upstream_stages: Mapping[str, str]
     chunk_edge: str
+
+    @property
+    def cut(self) -> str:
+        """Return the output that cuts a sequence into chunks, empty if this node does not."""
+        return next((name for name, spec in self.stage.outputs.items() if spec is CHUNKS), "")
 
     @property
     def upstream(self) -> tuple[str, ...]:
@@ -44,7 +61,7 @@ class Dag:
         self.nodes: dict[str, Node] = {}
 
     def add(self, name: str, stage: Stage[Any], **inputs: str) -> None:
-        """Add a node; ``inputs`` maps each role of the stage to ``"node.output"`` or to ``SOURCE_EDGE``.
+        """Add a node; ``inputs`` maps each role of the stage to ``"node.output"`` or one of ``ORIGINS``.
 
         Raises:
             ValueError: on a repeated name, an unknown or missing role, a forward reference or the wrong table.
@@ -57,15 +74,9 @@ class Dag:
             )
         for role, edge in inputs.items():
             self._check_edge(name, stage, role, edge)
-        sources = {edge.split(".")[0] for edge in inputs.values() if edge != SOURCE_EDGE}
+        sources = {edge.split(".")[0] for edge in inputs.values() if edge not in ORIGINS}
         upstream = {source: self.nodes[source].stage.name for source in self.nodes if source in sources}
-        self.nodes[name] = Node(name, stage, inputs, upstream, self.chunk_edge)
-
-    @property
-    def chunk_edge(self) -> str:
-        """Return the edge whose table says into which chunks a sequence is cut."""
-        edges = [f"{n.name}.{o}" for n in self.nodes.values() for o, spec in n.stage.outputs.items() if spec is CHUNKS]
-        return edges[0] if edges else ""
+        self.nodes[name] = Node(name, stage, inputs, upstream, self._chunk_edge(upstream))
 
     def upto(self, targets: tuple[str, ...]) -> list[Node]:
         """Return the nodes that the targets need, in order."""
@@ -75,10 +86,14 @@ class Dag:
                 wanted.update(node.upstream)
         return [node for node in self.nodes.values() if node.name in wanted]
 
+    def _chunk_edge(self, upstream: Mapping[str, str]) -> str:
+        nodes = [self.nodes[name] for name in upstream]
+        return next((f"{n.name}.{n.cut}" if n.cut else n.chunk_edge for n in nodes if n.cut or n.chunk_edge), "")
+
     def _check_edge(self, name: str, stage: Stage[Any], role: str, edge: str) -> None:
         wanted = stage.inputs[role]
-        if edge == SOURCE_EDGE:
-            found = SOURCES
+        if edge in ORIGINS:
+            found = ORIGINS[edge]
         else:
             source, _, output = edge.partition(".")
             if source not in self.nodes:
@@ -92,8 +107,33 @@ class Dag:
 
 
 def build_dag() -> Dag:
-    """Return the pipeline (paper, Sec. 3.1 and supplement B)."""
+    """Return the whole pipeline."""
     dag = Dag()
+    _add_studio(dag)
+    _add_annotation(dag)
+    return dag
+
+
+def _add_studio(dag: Dag) -> None:
+    """Add how a synthetic recording is made (docs/decisions/0006)."""
+    dag.add("script", script_take.STAGE, takes=TAKE_EDGE)
+    dag.add("film", film_take.STAGE, takes=TAKE_EDGE, chunks="script.chunks")
+    dag.add(
+        "delivery",
+        deliver_recording.STAGE,
+        takes=TAKE_EDGE,
+        actions="script.actions",
+        footage="film.footage",
+        true_joints="film.true_joints",
+        true_views="film.true_views",
+        true_instants="film.true_instants",
+        stand_in_bodies="film.stand_in_bodies",
+        stand_in_hands="film.stand_in_hands",
+    )
+
+
+def _add_annotation(dag: Dag) -> None:
+    """Add how videos become 3D joints (paper, Sec. 3.1 and supplement B)."""
     dag.add("ingest", ingest.STAGE, sources=SOURCE_EDGE)
     dag.add("undistort", undistort.STAGE, views="ingest.views")
     dag.add("audit", audit_recording.STAGE, views="ingest.views")
@@ -136,12 +176,15 @@ def build_dag() -> Dag:
         body_keypoints="detect_hands.body_keypoints",
         joints="round_0.joints",
     )
-    return dag
 
 
 TARGETS: Final[Mapping[str, tuple[str, ...]]] = {
     "annotate": ("quality", "overlay"),
     "doctor": ("audit",),
     "undistort": ("undistort",),
+    "simulate": ("delivery",),
 }
-LOOKING_TARGETS: Final = frozenset({"doctor"})  # they make nothing that anyone would go on with
+STUDIO_TARGETS: Final = frozenset({"simulate", "script", "film", "delivery"})
+"""What starts from a manifest's orders instead of files."""
+SIDE_TARGETS: Final = frozenset({"doctor", *STUDIO_TARGETS})
+"""What makes nothing that anyone would go on with in a notebook: the run `latest` stays another one."""

@@ -5,7 +5,9 @@ from collections.abc import Iterator
 import pyarrow as pa
 
 from assemblyhands_core.data.tables import TableSpec
-from pipeline.dag import SOURCE_EDGE, TARGETS, Dag
+from pipeline.dag import SOURCE_EDGE, TAKE_EDGE, TARGETS, Dag
+
+_ORIGINS = {SOURCE_EDGE: "the recording's files", TAKE_EDGE: "the manifest's order"}
 
 
 def describe(dag: Dag) -> str:
@@ -27,9 +29,7 @@ def _nodes(dag: Dag) -> Iterator[str]:
     yield "| node | stage | once per | reads | makes |"
     yield "|---|---|---|---|---|"
     for node in dag.nodes.values():
-        reads = ", ".join(
-            "the recording's files" if edge == SOURCE_EDGE else f"`{edge}`" for edge in node.inputs.values()
-        )
+        reads = ", ".join(_ORIGINS.get(edge, f"`{edge}`") for edge in node.inputs.values())
         makes = ", ".join(f"`{name}`" for name in node.stage.outputs)
         yield f"| `{node.name}` | `{node.stage.name}` | {node.stage.shard} | {reads} | {makes} |"
     yield ""

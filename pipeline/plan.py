@@ -17,7 +17,7 @@ class PlannedNode:
     """The plan for one node of one sequence.
 
     Attributes:
-        num_reused, num_to_run: shards; ``num_to_run`` is None while ingest has not told how many there are.
+        num_reused, num_to_run: shards; ``num_to_run`` is None while it is not known how many there are.
         reason: why shards run, in a few words.
         seconds: estimate of the work in one process, from earlier runs of the stage; None without any.
     """
@@ -38,7 +38,8 @@ def make_plan(works: Sequence[SequenceWork], store: Store, history: History) -> 
 def _plan_node(work: SequenceWork, node: Node, store: Store, history: History) -> PlannedNode:
     name = work.recording.sequence_id
     if node not in list(work.known_nodes()):
-        return PlannedNode(name, node.name, 0, None, "shards are known after ingest", None)
+        cutting = node.chunk_edge.partition(".")[0]
+        return PlannedNode(name, node.name, 0, None, f"shards are known after {cutting}", None)
     to_run: list[Task] = []
     for task in work.tasks(node):
         if not _settle(work, task, store):

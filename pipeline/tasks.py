@@ -13,10 +13,9 @@ from typing import Any, Literal
 
 import pyarrow as pa
 
-from assemblyhands_core.data.catalog import SOURCES
 from assemblyhands_core.data.digests import digest_json
 from assemblyhands_core.data.store import DamagedEntry, Output, Record, Store
-from pipeline.dag import SOURCE_EDGE, Node
+from pipeline.dag import ORIGINS, Node
 from pipeline.shard_log import shard_log
 from stages._contract import Context, Stage, StageConfig
 
@@ -42,7 +41,7 @@ class Task:
         config: the stage's parameters, validated.
         externals: what the result depends on beyond config and tables, as the stage said once for the whole run.
         problem: why the stage cannot run at all (a package or file is missing); empty if it can.
-        sources: rows of the ``sources`` table, for a node that reads the recording's files.
+        sources: rows of the table of `ORIGINS` that a node reads, if it reads one.
         workspace, log: where the store and this shard's log lie.
         num_threads: threads that the stage may use.
     """
@@ -52,7 +51,7 @@ class Task:
     config: StageConfig
     externals: Mapping[str, str]
     problem: str
-    sources: tuple[Mapping[str, str], ...]
+    sources: tuple[Mapping[str, Any], ...]
     workspace: Path
     log: Path
     num_threads: int = 1
@@ -148,16 +147,16 @@ def _result(task: Task, status: Status, record: Record) -> Result:
 
 
 def _input_digests(task: Task, edge: str, upstream: Upstream) -> list[str]:
-    if edge == SOURCE_EDGE:
-        return [SOURCES.digest(SOURCES.from_rows(task.sources))]
+    if edge in ORIGINS:
+        return [ORIGINS[edge].digest(ORIGINS[edge].from_rows(task.sources))]
     node, output = edge.split(".")
     slice_name = f"#{task.shard.chunk}" if _is_sliced(task, edge) else ""
     return [result.outputs[output].digest + slice_name for result in upstream[node]]
 
 
 def _read_input(task: Task, role: str, edge: str, upstream: Upstream, store: Store) -> pa.Table:
-    if edge == SOURCE_EDGE:
-        return SOURCES.from_rows(task.sources)
+    if edge in ORIGINS:
+        return ORIGINS[edge].from_rows(task.sources)
     node, output = edge.split(".")
     spec = task.node.stage.inputs[role]
     records = [_record(store, task.node.upstream_stages[node], result) for result in upstream[node]]

@@ -10,8 +10,10 @@ from assemblyhands_core.data.store import DamagedEntry, Store
 from pipeline.config import RunConfig
 from pipeline.dag import Node
 from pipeline.recordings import Recording
+from pipeline.takes import OrderedTake
 from pipeline.tasks import Result, Shard, Task
 from stages._contract import StageConfig
+from stages._detector_config import DetectorConfig
 
 Handle = Any  # a Result, or an executor's promise of one
 
@@ -27,8 +29,8 @@ class SequenceWork:
     """
 
     config: RunConfig
-    recording: Recording
-    sources: tuple[Mapping[str, str], ...]
+    recording: Recording | OrderedTake
+    sources: tuple[Mapping[str, Any], ...]
     nodes: Sequence[Node]
     logs: Path
     num_threads: int = 1
@@ -69,15 +71,15 @@ class SequenceWork:
         Raises:
             DamagedEntry: if it should have told, but its table is damaged; the result is not noted then.
         """
-        node, output = self.config.dag.chunk_edge.split(".")
-        if result.node == node and result.has_entry:
-            record = store.find(self.config.dag.nodes[node].stage.name, result.key)
+        node = self.config.dag.nodes[result.node]
+        if node.cut and result.has_entry:
+            record = store.find(node.stage.name, result.key)
             if record is None:
-                raise DamagedEntry(f"the entry {result.key} of {node} has vanished; run again")
-            self.chunk_frames = store.read(record, output, CHUNKS).column("num_frames").to_pylist()
+                raise DamagedEntry(f"the entry {result.key} of {node.name} has vanished; run again")
+            self.chunk_frames = store.read(record, node.cut, CHUNKS).column("num_frames").to_pylist()
         self.handles.setdefault(result.node, {})[result.shard] = result
-        self.is_cut = self.is_cut or result.node == node
-        return result.node == node
+        self.is_cut = self.is_cut or bool(node.cut)
+        return bool(node.cut)
 
     def _waits_for_chunks(self, node: Node) -> bool:
         upstream = [self.config.dag.nodes[name] for name in node.upstream]
@@ -90,10 +92,16 @@ class SequenceWork:
         return [handles[shard if shard in handles else whole]]
 
     def _task(self, node: Node, shard: Shard) -> Task:
-        config = self.config.stages[node.stage.name]
+        config = self._stage_config(node)
         log = self.logs / f"{node.name}-{shard}.log"
         externals, problem = self._externals(node, config)
         return Task(node, shard, config, externals, problem, self.sources, self.config.workspace, log, self.num_threads)
+
+    def _stage_config(self, node: Node) -> StageConfig:
+        config = self.config.stages[node.stage.name]
+        if isinstance(config, DetectorConfig) and self.recording.keypoints is not None:
+            return config.with_keypoints(self.recording.keypoints)
+        return config
 
     def _externals(self, node: Node, config: StageConfig) -> tuple[Mapping[str, str], str]:
         """Return a node's externals and what is wrong with them; asked once, as digesting files takes time."""

@@ -1,7 +1,8 @@
 """What every stage with a detector is told: which one, and the options of each."""
 
 from collections.abc import Mapping
-from typing import Any
+from pathlib import Path
+from typing import Any, ClassVar, Self
 
 from pydantic import JsonValue, ValidationInfo, field_serializer, field_validator
 
@@ -16,14 +17,21 @@ class DetectorConfig(StageConfig):
     Attributes:
         options: detector → its options, so that ``detect_hands.options.precomputed.root=PATH`` can be given.
         detector: the one that runs.
+        keypoints_file: what the file of this stage is called where 2D keypoints come with a recording.
     """
 
+    keypoints_file: ClassVar[str]
     options: Mapping[str, Mapping[str, JsonValue]]
     detector: str
 
     def detector_options(self, sequence_id: str) -> dict[str, Any]:
         """Return the options of the detector that runs, for one sequence."""
         return options_for_sequence(self.options[self.detector], sequence_id)
+
+    def with_keypoints(self, folder: Path) -> Self:
+        """Return the configuration that takes the keypoints that come with a recording in place of detecting any."""
+        options = {**self.options, "precomputed": {"root": str(folder / self.keypoints_file)}}
+        return self.model_copy(update={"detector": "precomputed", "options": options})
 
     @field_validator("detector")
     @classmethod

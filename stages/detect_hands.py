@@ -43,6 +43,7 @@ Texts = npt.NDArray[np.object_]
 class DetectHandsConfig(DetectorConfig):
     """Parameters of hand detection."""
 
+    keypoints_file = "bodies.parquet"
     every_nth_frame: int = Field(ge=1)
     max_image_side_px: int = Field(ge=128)
     max_persons: int = Field(ge=1, le=8)

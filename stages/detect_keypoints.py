@@ -31,6 +31,7 @@ _BODY = "body"
 class DetectKeypointsConfig(DetectorConfig):
     """Parameters of keypoint detection."""
 
+    keypoints_file = "hands.parquet"
     wrist_from_body: bool
 
 

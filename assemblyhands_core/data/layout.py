@@ -65,6 +65,22 @@ class DatasetLayout:
         """Return the folder of what only evaluation may read of a recording."""
         return self.root / "ground_truth" / checked_component(recording, "a recording")
 
+    def labels(self, recording: str) -> Path:
+        """Return the folder of a synthetic recording's own share of the files that a split has in common."""
+        return self.root / "labels" / checked_component(recording, "a recording")
+
+    def stand_in_keypoints(self, recording: str) -> Path:
+        """Return the folder of a synthetic recording's 2D keypoints that take the place of a detector's."""
+        return self.root / "keypoints_from_truth" / checked_component(recording, "a recording")
+
+    def preview(self, recording: str) -> Path:
+        """Return the picture that shows a synthetic recording at a glance."""
+        return self.root / "previews" / f"{checked_component(recording, 'a recording')}.jpg"
+
+    def delivered(self, recording: str) -> Path:
+        """Return the list of a synthetic recording's files; it is there once they all are."""
+        return self.root / "delivered" / f"{checked_component(recording, 'a recording')}.sha256"
+
 
 def write_splits(layout: DatasetLayout, recordings: Mapping[str, Iterable[str]]) -> None:
     """Write which recordings each split has, one a line.

@@ -3,7 +3,6 @@
 Sizes are those of take-apart toys for children (Assembly101 uses such): wheels of 40 mm, thumb screws of 13 mm.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final, Literal
 
@@ -44,11 +43,13 @@ PALETTE: Final[tuple[Color, ...]] = (
 RUBBER: Final[Color] = (0.025, 0.025, 0.03)
 STEEL: Final[Color] = (0.55, 0.55, 0.57)
 
-_TOYS: Final = (
-    ("a", "dump truck"),
-    ("b", "excavator"),
-    ("c", "fire truck"),
+NOUNS: Final = (
+    *("banana", "bottle", "box", "bumper", "cabin", "can", "cap"),
+    *("chassis", "mug", "pen", "screw", "screwdriver", "wheel"),
 )
+"""What parts are called, in all sets."""
+
+_TOYS: Final = {"a": "dump truck", "b": "excavator", "c": "fire truck"}
 _AHEAD: Final = (1.0, 0.0, 0.0)
 _ROUND: Final = 24
 _SCREW_TRAVEL_MM: Final = 6.0
@@ -79,9 +80,14 @@ def _draw_vehicle(rng: np.random.Generator) -> PartSet:
             parts += _wheel(f"{axle}_{side}", x_mm, y, size, colors[2])
     parts += _cabin(size, colors[3])
     parts += [_bumper(colors[4]), _screwdriver(colors[5])]
-    letter, name = _TOYS[int(rng.integers(len(_TOYS)))]
+    letter, name = list(_TOYS.items())[int(rng.integers(len(_TOYS)))]
     toy_id = f"{letter}{int(rng.integers(1, 15)):02d}{'abcd'[int(rng.integers(4))]}"
     return PartSet(toy_id, name, "chassis", {part.name: part for part in parts}, tool="screwdriver")
+
+
+def toy_name(toy_id: str, kind: SetKind) -> str:
+    """Return what the toy of a recording is: its letter tells the kind of vehicle (formats 3.1)."""
+    return _TOYS[toy_id[0]] if kind == "assembly" else "desktop things"
 
 
 @dataclass(frozen=True)
@@ -234,8 +240,3 @@ def _banana(rng: np.random.Generator) -> Part:
         pieces.append(Piece(tapered_capsule(*ends, 44.0, 16), bow, (0.80, 0.58, 0.06)))
     grip = grip_lying("tripod", 2 * radius, 0.0)
     return Part("banana", "banana", tuple(pieces), radius, grip, is_lying=True, gloss=0.3)
-
-
-def nouns(sets: Sequence[PartSet]) -> tuple[str, ...]:
-    """Return the different nouns of the parts of some sets, sorted."""
-    return tuple(sorted({part.noun for parts in sets for part in parts.parts.values()}))

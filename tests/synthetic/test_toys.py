@@ -7,7 +7,7 @@ import pytest
 
 from assemblyhands_core.geometry import transforms
 from assemblyhands_core.synthetic.objects import PartSet
-from assemblyhands_core.synthetic.toys import SetKind, draw_set, nouns
+from assemblyhands_core.synthetic.toys import NOUNS, SetKind, draw_set, toy_name
 
 SETS = [(kind, draw_set(kind, np.random.default_rng(seed))) for kind in get_args(SetKind) for seed in range(4)]
 
@@ -40,11 +40,10 @@ def test_mounted_parts_touch_what_they_are_on_without_being_buried_in_it(kind: S
 
 def test_a_vehicle_has_what_the_verbs_need() -> None:
     parts = draw_set("assembly", np.random.default_rng(0))
-    assert nouns([parts]) == ("bumper", "cabin", "chassis", "screw", "screwdriver", "wheel")
+    assert nouns("assembly", 1) == {"bumper", "cabin", "chassis", "screw", "screwdriver", "wheel"}
     assert sum(part.noun == "wheel" for part in parts.parts.values()) == 4
     assert sum(part.mount is not None and part.mount.travel_mm > 0 for part in parts.parts.values()) == 5
     assert parts.tool == "screwdriver" and parts.parts[parts.workpiece].mount is None
-    assert not set(nouns([parts])) & set(nouns([draw_set("desktop", np.random.default_rng(0))]))
 
 
 def test_the_same_seed_gives_the_same_things_and_another_seed_others() -> None:
@@ -54,3 +53,18 @@ def test_the_same_seed_gives_the_same_things_and_another_seed_others() -> None:
         assert part.vertices_mm.tobytes() == same.parts[name].vertices_mm.tobytes()
         assert part.albedo.tobytes() == same.parts[name].albedo.tobytes()
     assert any(p.vertices_mm.tobytes() != other.parts[n].vertices_mm.tobytes() for n, p in one.parts.items())
+
+
+def nouns(kind: SetKind, num_sets: int) -> set[str]:
+    sets = (draw_set(kind, np.random.default_rng(seed)) for seed in range(num_sets))
+    return {part.noun for parts in sets for part in parts.parts.values()}
+
+
+def test_all_nouns_are_listed_and_the_two_sets_share_none() -> None:
+    assert not nouns("assembly", 30) & nouns("desktop", 30)
+    assert sorted(nouns("assembly", 30) | nouns("desktop", 30)) == list(NOUNS)
+
+
+def test_the_letter_of_a_toy_says_what_it_is() -> None:
+    assert [toy_name(toy, "assembly") for toy in ("a23", "b05b", "c14a")] == ["dump truck", "excavator", "fire truck"]
+    assert toy_name("a23", "desktop") == "desktop things"

@@ -1,0 +1,78 @@
+"""Tables between the stages of the studio, which make a synthetic recording.
+
+What says something true about the scene stands in `ground_truth`; these hold what is ordered, filmed and delivered.
+"""
+
+from typing import Final
+
+import pyarrow as pa
+
+from assemblyhands_core.data.tables import TableSpec
+from assemblyhands_core.hands.body import NUM_BODY_KEYPOINTS
+from assemblyhands_core.hands.joints import NUM_JOINTS
+
+_TEXT, _FRAME = pa.string(), pa.int64()
+_SEQUENCE: Final = [("sequence_id", _TEXT)]
+
+
+def _stand_ins(owner: str, kind: pa.DataType, num_keypoints: int) -> pa.Schema:
+    """The columns that the detector `precomputed` reads."""
+    points = [("keypoints_px", pa.list_(pa.float32(), 2 * num_keypoints))]
+    confidence = [("confidence", pa.list_(pa.float32(), num_keypoints))]
+    return pa.schema([*_SEQUENCE, ("camera", _TEXT), ("frame", _FRAME), (owner, kind), *points, *confidence])
+
+
+TAKES: Final = TableSpec(
+    "takes",
+    1,
+    ("sequence_id",),
+    pa.schema([*_SEQUENCE, ("split", _TEXT), ("rig", _TEXT), ("duration_s", pa.float64())]),
+)
+"""What is to be recorded; the sequence's name says who, with which toy and on which day."""
+
+ACTIONS: Final = TableSpec(
+    "actions",
+    1,
+    ("sequence_id", "start_s", "verb", "hand"),
+    pa.schema(
+        [
+            *_SEQUENCE,
+            ("verb", _TEXT),
+            ("noun", _TEXT),
+            ("hand", _TEXT),
+            ("start_s", pa.float64()),
+            ("end_s", pa.float64()),
+        ]
+    ),
+)
+FOOTAGE: Final = TableSpec(
+    "footage",
+    1,
+    ("sequence_id", "camera_id", "first_frame"),
+    pa.schema(
+        [
+            *_SEQUENCE,
+            ("camera_id", _TEXT),
+            ("first_frame", _FRAME),
+            ("num_frames", pa.int32()),
+            ("video_file", _TEXT),
+            ("sha256", _TEXT),
+        ]
+    ),
+)
+STAND_IN_BODIES: Final = TableSpec(
+    "stand_in_bodies",
+    1,
+    ("sequence_id", "camera", "frame", "person"),
+    _stand_ins("person", pa.int64(), NUM_BODY_KEYPOINTS),
+)
+STAND_IN_HANDS: Final = TableSpec(
+    "stand_in_hands", 1, ("sequence_id", "camera", "frame", "hand"), _stand_ins("hand", _TEXT, NUM_JOINTS)
+)
+DELIVERED: Final = TableSpec(
+    "delivered",
+    1,
+    ("sequence_id", "path"),
+    pa.schema([*_SEQUENCE, ("path", _TEXT), ("content_file", _TEXT), ("sha256", _TEXT)]),
+)
+"""The files of a recording: where each belongs below the data set's folder, and its content."""

@@ -1,0 +1,88 @@
+"""The rows of the manifests that a run is about."""
+
+import csv
+import fnmatch
+import glob
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Final
+
+from pipeline.config import RunConfig, UserError
+
+MANIFESTS: Final = Path(__file__).resolve().parents[1] / "data_manifests"
+
+_DEFAULTS: Final = ("demo.csv", "synthetic_tiny.csv")
+_COLUMNS: Final = ("sequence_id", "split", "calibration", "videos", "package")
+_OPTIONAL: Final = ("keypoints", "rig", "duration_s")
+_MAX_LISTED: Final = 10
+_FORBIDDEN_IN_NAMES: Final = set("/\\*?[],= \t\n")
+
+ManifestRow = Mapping[str, str]
+"""A row's columns, empty where it says nothing, and ``folder``, that of the manifest."""
+
+
+def select_rows(config: RunConfig) -> list[ManifestRow]:
+    """Return the rows that ``seq`` names, in its order.
+
+    Raises:
+        UserError: there is no such manifest or sequence, or a manifest is not as it should be.
+    """
+    rows = _manifest_rows(config.manifest)
+    return [rows[name] for name in _selected(config.seq, list(rows))]
+
+
+def checked_name(name: str) -> str:
+    """Return a sequence's name if it can be part of file names.
+
+    Raises:
+        UserError: it cannot.
+    """
+    if not name or name.startswith(".") or _FORBIDDEN_IN_NAMES & set(name):
+        raise UserError(f"{name!r} cannot name a sequence: it becomes part of file names (letters, digits, - _ .)")
+    return name
+
+
+def _selected(wanted: str, names: list[str]) -> list[str]:
+    if wanted == "all":
+        return names
+    chosen: list[str] = []
+    for pattern in wanted.split(","):
+        matches = fnmatch.filter(names, pattern.strip())
+        if not matches:
+            raise UserError(
+                f"there is no sequence {pattern}; the manifest has {_listed(names)}. "
+                "For files of your own: rig.calibration=PATH rig.videos='GLOB' seq=NAME"
+            )
+        chosen += [name for name in matches if name not in chosen]
+    return chosen
+
+
+def _listed(names: Sequence[str]) -> str:
+    more = f" and {len(names) - _MAX_LISTED} more" if len(names) > _MAX_LISTED else ""
+    return (", ".join(names[:_MAX_LISTED]) or "none") + more
+
+
+def _manifest_rows(manifest: str | None) -> dict[str, ManifestRow]:
+    paths = sorted(glob.glob(manifest)) if manifest else [str(MANIFESTS / name) for name in _DEFAULTS]
+    if not paths:
+        raise UserError(f"manifest={manifest} names no file")
+    rows: dict[str, ManifestRow] = {}
+    for path in map(Path, paths):
+        for row in _read_csv(path):
+            if row["sequence_id"] in rows:
+                raise UserError(f"{path}: the sequence {row['sequence_id']} stands in the manifest twice")
+            rows[checked_name(row["sequence_id"])] = {**row, "folder": str(path.parent)}
+    return rows
+
+
+def _read_csv(path: Path) -> list[ManifestRow]:
+    try:
+        with path.open(newline="", encoding="utf-8") as file:
+            reader = csv.DictReader(file)
+            if missing := set(_COLUMNS) - set(reader.fieldnames or ()):
+                raise UserError(
+                    f"{path} has no column {', '.join(sorted(missing))}; a manifest has {', '.join(_COLUMNS)}"
+                )
+            return [{name: row.get(name) or "" for name in (*_COLUMNS, *_OPTIONAL)} for row in reader]
+    except (OSError, UnicodeDecodeError) as error:
+        raise UserError(f"{path} cannot be read as a CSV manifest: {error}") from error
