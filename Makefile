@@ -4,20 +4,24 @@ PYTHON ?= $(shell for python in python3 python3.12 python3.11; do \
 	$$python -c 'import sys; sys.exit(not (3, 11) <= sys.version_info < (3, 13))' 2>/dev/null && echo $$python && break; \
 	done || echo python3)
 SEQ ?=
+SET ?=
 ARGS ?=
 
 VENV := .venv
 BIN := $(VENV)/bin
 RUN := $(BIN)/python -m pipeline
-SEQUENCE := $(if $(SEQ),'seq=$(SEQ)')
+SEQUENCE := $(if $(SET),manifest=data_manifests/synthetic_$(SET).csv) $(if $(SEQ),'seq=$(SEQ)',$(if $(SET),seq=all))
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 SOURCES := assemblyhands_core stages pipeline tests benchmarks
 
-.PHONY: annotate plan doctor gc test test-slow check format benchmark docs help clean
+.PHONY: annotate simulate plan doctor gc test test-slow check format benchmark docs help clean
 .DEFAULT_GOAL := help
 
-annotate: $(VENV)/.installed  ## video in, 3D hand joints out: SEQ=name (default: a real demo), ARGS='parameter=value'
+annotate: $(VENV)/.installed  ## video in, 3D hand joints out: SEQ=name (default: records one), ARGS='parameter=value'
 	$(RUN) annotate $(SEQUENCE) $(ARGS)
+
+simulate: $(VENV)/.installed  ## record synthetic sequences: SEQ=name, SET=tiny, small or full
+	$(RUN) simulate $(SEQUENCE) $(ARGS)
 
 plan: $(VENV)/.installed  ## what `make annotate` would run, what it would reuse, and why
 	$(RUN) plan $(SEQUENCE) $(ARGS)

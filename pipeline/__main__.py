@@ -22,6 +22,7 @@ _USAGE = """usage: python -m pipeline [COMMAND] [parameter=value ...]
 
 commands
   annotate   video in, 3D hand joints out (the default): what is there already is reused
+  simulate   record synthetic sequences in the simulated studio
   doctor     look a recording over before hours are spent on it
   plan       say what would run, what is reused, and why; changes nothing
   gc         remove results that none of the newest runs refers to

@@ -78,6 +78,7 @@ def _run(config: RunConfig, console: Console, command_line: str) -> int:
     summary.print_audit(console, folder)
     summary.print_left_out(console, folder)
     summary.print_quality(console, folder)
+    summary.print_keypoints(console, [] if config.target in STUDIO_TARGETS else select_recordings(config))
     summary.print_times(console, found, started)
     _say(console, f"results: {folder}")
     if all(result.has_entry for result in found):

@@ -17,6 +17,7 @@ from stages import (
     film_take,
     ingest,
     measure_quality,
+    preview_recording,
     script_take,
     triangulate,
     undistort,
@@ -130,6 +131,9 @@ def _add_studio(dag: Dag) -> None:
         stand_in_bodies="film.stand_in_bodies",
         stand_in_hands="film.stand_in_hands",
     )
+    dag.add(
+        "preview", preview_recording.STAGE, takes=TAKE_EDGE, footage="film.footage", true_views="film.true_views"
+    )
 
 
 def _add_annotation(dag: Dag) -> None:
@@ -182,9 +186,9 @@ TARGETS: Final[Mapping[str, tuple[str, ...]]] = {
     "annotate": ("quality", "overlay"),
     "doctor": ("audit",),
     "undistort": ("undistort",),
-    "simulate": ("delivery",),
+    "simulate": ("delivery", "preview"),
 }
-STUDIO_TARGETS: Final = frozenset({"simulate", "script", "film", "delivery"})
+STUDIO_TARGETS: Final = frozenset({"simulate", "script", "film", "delivery", "preview"})
 """What starts from a manifest's orders instead of files."""
 SIDE_TARGETS: Final = frozenset({"doctor", *STUDIO_TARGETS})
 """What makes nothing that anyone would go on with in a notebook: the run `latest` stays another one."""

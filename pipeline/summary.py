@@ -11,6 +11,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from pipeline.plan import PlannedNode
+from pipeline.recordings import Recording
 from pipeline.tasks import Result
 from pipeline.view import node_digest
 
@@ -84,10 +85,18 @@ def print_quality(console: Console, run: Path) -> None:
     for path in sorted((run / "detect_hands" / "followed").glob("*.parquet")):
         for note in pq.read_table(path.resolve()).column("note").to_pylist():
             console.print(f"{path.stem}: {note}", markup=False, highlight=False, soft_wrap=True)
-    for path in sorted((run / "overlay" / "overlays").glob("*.parquet")):
+    for path in sorted(run.glob("*/overlays/*.parquet")):
         real = path.resolve()
         for name in pq.read_table(real).column("overlay_file").to_pylist():
             console.print(f"picture: {real.parent / name}", markup=False, highlight=False, soft_wrap=True)
+
+
+def print_keypoints(console: Console, recordings: Sequence[Recording]) -> None:
+    """Print for which sequences no detector ran."""
+    for recording in recordings:
+        if recording.keypoints is not None:
+            line = f"{recording.sequence_id}: no detector ran, its 2D keypoints came with it: {recording.keypoints}"
+            console.print(line, markup=False, highlight=False, soft_wrap=True)
 
 
 def print_audit(console: Console, run: Path) -> None:

@@ -73,10 +73,6 @@ class DatasetLayout:
         """Return the folder of a synthetic recording's 2D keypoints that take the place of a detector's."""
         return self.root / "keypoints_from_truth" / checked_component(recording, "a recording")
 
-    def preview(self, recording: str) -> Path:
-        """Return the picture that shows a synthetic recording at a glance."""
-        return self.root / "previews" / f"{checked_component(recording, 'a recording')}.jpg"
-
     def delivered(self, recording: str) -> Path:
         """Return the list of a synthetic recording's files; it is there once they all are."""
         return self.root / "delivered" / f"{checked_component(recording, 'a recording')}.sha256"

@@ -13,7 +13,7 @@ def _compose(*overrides: str) -> DictConfig:
 
 def test_the_defaults_are_valid_and_frozen() -> None:
     config = check_config(_compose(), build_dag())
-    assert config.seq == "pose2sim_single" and config.executor.name == "local"
+    assert config.seq.startswith("nusar-2021_action_both_1002") and config.executor.name == "local"
     with pytest.raises(ValueError, match="frozen"):
         config.seq = "other"  # type: ignore[misc]
     with pytest.raises(ValueError, match="frozen"):
