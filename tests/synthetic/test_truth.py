@@ -27,7 +27,7 @@ from assemblyhands_core.synthetic.rig import RIGS
 from assemblyhands_core.synthetic.take import MAX_JOINT_SPEED_MM_S, Take
 from assemblyhands_core.synthetic.visibility import TOLERANCE_MM
 
-AT_OUTLINES = 0.03
+AT_OUTLINES = 0.01
 CROP_PX = 128
 TIMES_S = (2.0, 5.3)
 RATE_HZ = 30.0
@@ -109,7 +109,7 @@ def test_right_and_left_are_never_confused(looks: Sequence[Look]) -> None:
         other = HAND_IDS["left" if look.hand == "right" else "right"]
         num_other += int((look.ids[is_shown] == other).sum())
         num_shown += int(is_shown.sum())
-    assert num_shown > 1500
+    assert num_shown > 1000
     assert num_other <= 0.003 * num_shown  # the outline of one hand in front of the other
     hidden = [look.ids[~look.views.is_visible & look.views.is_in_crop] for look in looks]
     both = {HAND_IDS[hand] for hand in HANDS}
@@ -134,8 +134,8 @@ def test_occlusion_flags_follow_from_mask_and_skin(looks: Sequence[Look]) -> Non
 def test_joints_shown_as_something_else_are_flagged_hidden(looks: Sequence[Look]) -> None:
     other = np.concatenate([(look.ids != HAND_IDS[look.hand])[look.views.is_in_crop] for look in looks])
     visible = np.concatenate([look.views.is_visible[look.views.is_in_crop] for look in looks])
-    assert other.sum() > 300
-    assert visible[other].mean() < 0.1  # of these outlines are a larger share
+    assert other.sum() > 200
+    assert visible[other].mean() < 0.04  # at outlines, which are a larger share of these
     assert 0.05 < other.mean() < 0.6 and 0.3 < visible.mean() < 0.8  # heavy occlusion, as with the real toys
 
 
