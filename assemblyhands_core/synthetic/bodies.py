@@ -106,12 +106,15 @@ class Scene:
     def shadow_maps(self) -> tuple[ShadowMap, ...]:
         """Where the shadows of the moving bodies lie, for each light; made once for all views of the instant.
 
+        A light that throws no shadows has those of nothing.
+
         The maps' axes point to the static bodies, so that they are the same for all scenes of a recording.
         """
         middles = [body.vertices_mm.mean(axis=0) for body in self.static] or [np.zeros(3)]
         target = np.stack(middles).mean(axis=0, dtype=np.float64)
         maps = (LightMap.towards(light.position_mm, light.radius_mm, target) for light in self.lights)
-        return tuple(ShadowMap.of(around, self.moving_surfaces) for around in maps)
+        parts = (self.moving_surfaces if light.casts_shadow else merged(()) for light in self.lights)
+        return tuple(ShadowMap.of(around, surfaces) for around, surfaces in zip(maps, parts, strict=True))
 
 
 def merged(bodies: Sequence[Body]) -> Surfaces:

@@ -1,8 +1,9 @@
-"""What every pixel of a camera sees of a mesh of small faces.
+"""What every pixel of a camera sees of a mesh, through the true lens.
 
-Each pixel's ray, through the true lens, is met with the faces whose image lies around that pixel. The test of ray and
-face is exact; only which faces to test comes from where the lens images their corners. For the thousands of small
-faces of hands this is many times faster than to look for each ray's face in a tree.
+Of small faces, such as the thousands of hands: each pixel's ray is met with the faces whose image lies around that
+pixel, which is many times faster than to look for each ray's face in a tree. Of large faces, such as those of
+furniture: Embree looks for the faces of every second pixel along both axes, and the pixels between some that all see
+the same face see it too. The tests of ray and face are exact.
 """
 
 import numpy as np
@@ -40,8 +41,55 @@ def cast_at(
     seen = np.flatnonzero(faces[top:bottom] != MISS)
     pixels = (seen + top * camera.width_px).astype(np.int32)
     hit = faces.ravel()[pixels]
-    weights = _weights(vertices, surfaces.faces, lens.rays.reshape(-1, 3), pixels, hit)
-    return pixels, Hits(hit, weights, distances_mm.ravel()[pixels])
+    return pixels, Hits(hit, *_meetings(vertices, surfaces.faces, lens.rays.reshape(-1, 3), pixels, hit))
+
+
+def cast_all(camera: Camera, lens: LensRays, surfaces: Surfaces) -> Hits:
+    """Find what all pixels see of a mesh; of what is smaller than two pixels some may be missed.
+
+    Args:
+        camera: At its pose.
+        lens: Its rays.
+        surfaces: The mesh.
+    """
+    shape, center_mm = lens.rays.shape[:2], camera.center_world_mm.astype(np.float32)
+    hits = Hits.nothing(shape[0] * shape[1])
+    second = np.arange(shape[0] * shape[1], dtype=np.int32).reshape(shape)[::2, ::2].ravel()
+    hits.put(second, surfaces.first_hits(center_mm, lens.world(camera, second)))
+    between, agreed, others = _between(hits.faces.reshape(shape))
+    vertices = camera.to_camera(surfaces.vertices_mm.astype(np.float64))
+    met = _meetings(vertices, surfaces.faces, lens.rays.reshape(-1, 3), between, agreed)
+    hits.put(between, Hits(agreed, *met))
+    hits.put(others, surfaces.first_hits(center_mm, lens.world(camera, others)))
+    return hits
+
+
+@compiled
+def _between(
+    faces: Int32[np.ndarray, "height width"],
+) -> tuple[Int32[np.ndarray, " between"], Int32[np.ndarray, " between"], Int32[np.ndarray, " other"]]:
+    """Return the pixels around which all that were asked see one face, that face, and the rest not asked yet.
+
+    Those that see nothing are in neither list if those around them see nothing.
+    """
+    height, width = faces.shape
+    between, others = np.empty(faces.size, np.int32), np.empty(faces.size, np.int32)
+    agreed = np.empty(faces.size, np.int32)
+    num_between, num_others = 0, 0
+    for y in range(height):
+        top, bottom = y - (y & 1), y + (y & 1)
+        for x in range(1 - (y & 1), width, 2 - (y & 1)):
+            left, right = x - (x & 1), x + (x & 1)
+            if bottom < height and right < width:
+                face = faces[top, left]
+                if face == faces[top, right] == faces[bottom, left] == faces[bottom, right]:
+                    if face != MISS:
+                        between[num_between], agreed[num_between] = y * width + x, face
+                        num_between += 1
+                    continue
+            others[num_others] = y * width + x
+            num_others += 1
+    return between[:num_between], agreed[:num_between], others[:num_others]
 
 
 @compiled
@@ -110,23 +158,25 @@ def _meet(
 
 
 @compiled
-def _weights(
+def _meetings(
     vertices: Float64[np.ndarray, "vertex 3"],
     faces: Int32[np.ndarray, "face 3"],
     rays: Float32[np.ndarray, "pixel 3"],
     pixels: Int32[np.ndarray, " hit"],
     hit: Int32[np.ndarray, " hit"],
-) -> Float32[np.ndarray, "hit 2"]:
-    """Return the barycentric weights of the second and third corner."""
-    weights = np.empty((len(pixels), 2), np.float32)
+) -> tuple[Float32[np.ndarray, "hit 2"], Float32[np.ndarray, " hit"]]:
+    """Return the barycentric weights of the second and third corner, and the distances."""
+    weights, distances = np.empty((len(pixels), 2), np.float32), np.empty(len(pixels), np.float32)
     for i in range(len(pixels)):
         p, q, r = faces[hit[i], 0], faces[hit[i], 1], faces[hit[i], 2]
         ax, ay, az = vertices[p, 0], vertices[p, 1], vertices[p, 2]
         bx, by, bz = vertices[q, 0], vertices[q, 1], vertices[q, 2]
         cx, cy, cz = vertices[r, 0], vertices[r, 1], vertices[r, 2]
         dx, dy, dz = rays[pixels[i], 0], rays[pixels[i], 1], rays[pixels[i], 2]
-        u = dx * (by * cz - bz * cy) + dy * (bz * cx - bx * cz) + dz * (bx * cy - by * cx)
+        ux, uy, uz = by * cz - bz * cy, bz * cx - bx * cz, bx * cy - by * cx
+        u = dx * ux + dy * uy + dz * uz
         v = dx * (cy * az - cz * ay) + dy * (cz * ax - cx * az) + dz * (cx * ay - cy * ax)
         w = dx * (ay * bz - az * by) + dy * (az * bx - ax * bz) + dz * (ax * by - ay * bx)
         weights[i, 0], weights[i, 1] = v / (u + v + w), w / (u + v + w)
-    return weights
+        distances[i] = (ax * ux + ay * uy + az * uz) / (u + v + w)
+    return weights, distances

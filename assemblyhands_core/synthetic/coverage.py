@@ -6,7 +6,7 @@ The answer errs to the safe side: a tile too many costs some rays, a tile too fe
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float32, Float64, Int32, Int64, UInt8
+from jaxtyping import Bool, Float32, Float64, Int32, UInt8
 
 from assemblyhands_core.synthetic.compiled import compiled
 from assemblyhands_core.synthetic.surfaces import FAR_MM, Surfaces
@@ -89,19 +89,19 @@ class ShadowMap:
     """
 
     around: LightMap
-    covered: Int64[np.ndarray, "row column"]
+    covered: Int32[np.ndarray, "row column"]
     nearest_mm: float
 
     @staticmethod
     def of(around: LightMap, surfaces: Surfaces) -> "ShadowMap":
         """Return the shadows of surfaces."""
-        covered = np.zeros((_CELLS + 1, _CELLS + 1), dtype=np.int64)
+        covered = np.zeros((_CELLS + 1, _CELLS + 1), dtype=np.int32)
         if not len(surfaces.faces):
             return ShadowMap(around, covered, 1.0)
         cells, distances = around.cells(surfaces.vertices_mm)
         marked = np.zeros((_CELLS, _CELLS), dtype=np.uint8)
         _mark_cells(cells, surfaces.faces, marked)
-        covered[1:, 1:] = marked.cumsum(axis=0, dtype=np.int64).cumsum(axis=1)
+        covered[1:, 1:] = marked.cumsum(axis=0, dtype=np.int32).cumsum(axis=1, dtype=np.int32)
         return ShadowMap(around, covered, max(float(distances.min()), 1.0))
 
     def tiles(self, spans: Float32[np.ndarray, "row column 5"]) -> Bool[np.ndarray, "row column"]:
@@ -165,7 +165,7 @@ def _mark_cells(
 
 @compiled
 def _meets(
-    total: Int64[np.ndarray, "row column"], spans: Float32[np.ndarray, "row column 5"], radius: float, near: float
+    total: Int32[np.ndarray, "row column"], spans: Float32[np.ndarray, "row column 5"], radius: float, near: float
 ) -> Bool[np.ndarray, "row column"]:
     """Look the tiles up in the sums of marked cells, wider by the penumbra.
 

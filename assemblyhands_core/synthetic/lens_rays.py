@@ -48,8 +48,20 @@ class LensRays:
             camera: Whose lens this is, at any pose.
             pixels: Flat indices, row · width + column.
         """
-        rotation = camera.T_camera_from_world[:3, :3].T.astype(np.float32, order="C")
-        return _rotated(self.rays.reshape(-1, 3), pixels, rotation)
+        return _rotated(self.rays.reshape(-1, 3), pixels, _rotation(camera))
+
+    def points(
+        self, camera: Camera, pixels: Int32[np.ndarray, " ray"], distances_mm: Float32[np.ndarray, "height width"]
+    ) -> Float32[np.ndarray, "ray 3"]:
+        """Return points in the world at some pixels' distances along their rays.
+
+        Args:
+            camera: As of `world`.
+            pixels: As of `world`.
+            distances_mm: Of all pixels.
+        """
+        center_mm = camera.center_world_mm.astype(np.float32)
+        return _reached(self.rays.reshape(-1, 3), pixels, _rotation(camera), distances_mm.reshape(-1), center_mm)
 
 
 def _build(width: int, height: int, fx: float, fy: float, cx: float, cy: float, lens: Lens) -> LensRays:
@@ -107,6 +119,29 @@ def _interpolate(
                 squared += rays[y, x, axis] ** 2
             rays[y, x] /= np.sqrt(squared)
     return rays
+
+
+def _rotation(camera: Camera) -> Float32[np.ndarray, "3 3"]:
+    """Return the rotation from the camera's frame to the world."""
+    return np.asarray(camera.T_camera_from_world[:3, :3].T.astype(np.float32, order="C"))
+
+
+@compiled
+def _reached(
+    rays: Float32[np.ndarray, "pixel 3"],
+    pixels: Int32[np.ndarray, " ray"],
+    rotation: Float32[np.ndarray, "3 3"],
+    distances: Float32[np.ndarray, " pixel"],
+    center: Float32[np.ndarray, "3"],
+) -> Float32[np.ndarray, "ray 3"]:
+    points = np.empty((len(pixels), 3), np.float32)
+    for i in range(len(pixels)):
+        x, y, z = rays[pixels[i], 0], rays[pixels[i], 1], rays[pixels[i], 2]
+        distance = distances[pixels[i]]
+        for axis in range(3):
+            turned = rotation[axis, 0] * x + rotation[axis, 1] * y + rotation[axis, 2] * z
+            points[i, axis] = turned * distance + center[axis]
+    return points
 
 
 @compiled

@@ -80,11 +80,11 @@ def paint(
         if kind == 1:
             share = _wood(x, y, z, fine)
         elif kind == 2:
-            share = 0.5 + fine * (_weave(x, y, z) - 0.5)
+            share = 0.5 + fine * (_weave(x, y, z) - 0.5) if fine > 0 else 0.5
         elif kind == 3:
             share = float((int(np.floor(x)) + int(np.floor(y)) + int(np.floor(z))) & 1)
         elif kind == 4:
-            share = 0.3 + fine * (max(0.0, 3 * _noise(x, y, z) - 1.6) - 0.3)
+            share = 0.3 + fine * (max(0.0, 3 * _noise(x, y, z) - 1.6) - 0.3) if fine > 0 else 0.3
         elif kind == 5:
             share = 0.5 + max(fine, 0.3) * (_noise(x * 0.02, y, z) - 0.5) * 1.6
         else:
@@ -108,8 +108,16 @@ def _wood(x: float, y: float, z: float, fine: float) -> float:
 @compiled
 def _weave(x: float, y: float, z: float) -> float:
     """Return threads that cross over and under, with uneven thickness."""
-    over = np.sin(6.2832 * x) * np.sin(6.2832 * y) + np.sin(6.2832 * y) * np.sin(6.2832 * z)
+    middle = _wave(y)
+    over = middle * (_wave(x) + _wave(z))
     return float(0.5 + 0.28 * over + 0.3 * (_noise(0.37 * x, 0.37 * y, 0.37 * z) - 0.5))
+
+
+@compiled
+def _wave(x: float) -> float:
+    """Return nearly a sine of period 1: parabolas."""
+    x -= np.floor(x) + 0.5
+    return float(16.0 * x * abs(x) - 8.0 * x)
 
 
 @compiled

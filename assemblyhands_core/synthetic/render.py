@@ -80,8 +80,7 @@ def render(
     noise = sensor.noise_of(camera, scene.seed, frame_seed)
     image = noise.expose(static.encoded(sensor))
     changed = cv2.dilate(is_changed, np.ones((3, 3), np.uint8))  # the blur of the lens reaches that far
-    pixels = np.flatnonzero(changed).astype(np.int32)
-    noise.expose_pixels(sensor.encode(view.linear, pixels, camera), pixels, image)
+    sensor.expose_changed(view.linear, changed, camera, noise, image)
     return Rendered(image[..., 0] if sensor.is_mono else image, view.ids)
 
 
@@ -126,12 +125,12 @@ def _with_moving(
     for index, light in enumerate(scene.lights):
         if light.casts_shadow and scene.moving:
             lamp = LampView.empty(light, view.ids.shape)
-            facing = shaded.facing(index)
-            lamp.ask((surfaces, static_surfaces), pixels[facing], shaded.positions_mm[facing])
+            lamp.ask((surfaces, static_surfaces), pixels, shaded.positions_mm, shaded.is_facing[index])
             area = _blocks(static.shadow_tiles(scene, index), lamp.blocks.shape)
             darker = lamp.ask_area((surfaces,), area, is_static & static.is_lit(index), static.positions_mm)
-            _darken(view.linear, static.direct[index], darker, view.shares(lamp, darker), is_changed)
-            shares[index, facing] = view.shares(lamp, pixels[facing])
+            left = view.shares(lamp, darker, np.ones(len(darker), dtype=bool))
+            _darken(view.linear, static.direct[index], darker, left, is_changed)
+            shares[index] = view.shares(lamp, pixels, shaded.is_facing[index])
     collect(pixels, shaded.terms, shares, view.linear, view.direct)
     return view, is_changed
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from jaxtyping import Float32, Int16, Int32, Int64, UInt8, UInt16
+from jaxtyping import Float32, Int16, Int64, UInt8, UInt16
 
 from assemblyhands_core.geometry.cameras import Camera
 from assemblyhands_core.synthetic.compiled import compiled
@@ -13,6 +13,7 @@ from assemblyhands_core.synthetic.shading import WHITE
 
 _FINE = 64  # steps of encoded pictures per grey level
 _NOISE_SAMPLES = 1 << 18
+_ONE, _HALF = np.float32(1), np.float32(0.5)
 _LUMINANCE = np.array([0.30, 0.55, 0.15], dtype=np.float32)  # what a bare silicon sensor behind a lens makes of RGB
 
 
@@ -62,11 +63,27 @@ class Sensor:
         return 1 if self.is_mono else 3
 
     def encode(
-        self, linear: UInt16[np.ndarray, "height width 3"], pixels: Int32[np.ndarray, " pixel"], camera: Camera
-    ) -> UInt16[np.ndarray, "pixel channel"]:
-        """Return what the camera makes of some pixels (flat indices) of a linear picture, before noise."""
-        optics = np.array([camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px], dtype=np.float32)
-        return _encode(linear, pixels, self.blur, self.vignetting, optics, _curves(self), self.is_mono)
+        self, linear: UInt16[np.ndarray, "height width 3"], camera: Camera
+    ) -> UInt16[np.ndarray, "height width channel"]:
+        """Return what the camera makes of a linear picture, before noise."""
+        encoded = np.empty((*linear.shape[:2], self.num_channels), dtype=np.uint16)
+        _encode(linear, self._optics(camera), _curves(self), encoded)
+        return encoded
+
+    def expose_changed(
+        self,
+        linear: UInt16[np.ndarray, "height width 3"],
+        is_changed: UInt8[np.ndarray, "height width"],
+        camera: Camera,
+        noise: "Noise",
+        image: UInt8[np.ndarray, "height width channel"],
+    ) -> None:
+        """Encode what the lens makes of changed pixels into a picture of the rest, with noise and rounded."""
+        _expose_changed(linear, is_changed, self._optics(camera), _curves(self), noise.starts, noise.samples, image)
+
+    def _optics(self, camera: Camera) -> Float32[np.ndarray, "6"]:
+        numbers = camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px, self.blur, self.vignetting
+        return np.array(numbers, dtype=np.float32)
 
     def noise_of(self, camera: Camera, seed: int, frame: int) -> "Noise":
         """Return the noise of one frame."""
@@ -90,15 +107,6 @@ class Noise:
     def expose(self, encoded: UInt16[np.ndarray, "height width channel"]) -> UInt8[np.ndarray, "height width channel"]:
         """Add the noise to a picture and round."""
         return _expose(encoded, self.starts, self.samples)
-
-    def expose_pixels(
-        self,
-        encoded: UInt16[np.ndarray, "pixel channel"],
-        pixels: Int32[np.ndarray, " pixel"],
-        image: UInt8[np.ndarray, "height width channel"],
-    ) -> None:
-        """Put some pixels (flat indices) into a picture, with noise and rounded."""
-        _expose_pixels(encoded, pixels, self.starts, self.samples, image)
 
 
 @lru_cache(64)
@@ -125,34 +133,68 @@ def _noise_samples(deviation: float, row_length: int) -> Int16[np.ndarray, " sam
 @compiled
 def _encode(
     linear: UInt16[np.ndarray, "height width 3"],
-    pixels: Int32[np.ndarray, " pixel"],
-    blur: float,
-    vignetting: float,
-    optics: Float32[np.ndarray, "4"],
+    optics: Float32[np.ndarray, "6"],
     curves: UInt16[np.ndarray, "3 65536"],
-    is_mono: bool,
-) -> UInt16[np.ndarray, "pixel channel"]:
-    height, width, _ = linear.shape
-    encoded = np.empty((len(pixels), 1 if is_mono else 3), np.uint16)
-    corner, side, middle = blur * blur, blur * (1 - 2 * blur), (1 - 2 * blur) ** 2
-    for i in range(len(pixels)):
-        row, column = pixels[i] // width, pixels[i] % width
-        up, down = max(row - 1, 0), min(row + 1, height - 1)
-        left, right = max(column - 1, 0), min(column + 1, width - 1)
-        x, y = (column - optics[2]) / optics[0], (row - optics[3]) / optics[1]
-        light = 1 / (1 + vignetting * (x * x + y * y))
-        grey = 0.0
-        for k in range(3):
-            corners = linear[up, left, k] + linear[up, right, k] + linear[down, left, k] + linear[down, right, k]
-            sides = linear[up, column, k] + linear[down, column, k] + linear[row, left, k] + linear[row, right, k]
-            value = (corner * corners + side * sides + middle * linear[row, column, k]) * light
-            if is_mono:
-                grey += _LUMINANCE[k] * value
+    encoded: UInt16[np.ndarray, "height width channel"],
+) -> None:
+    height, width, channels = encoded.shape
+    for row in range(height):
+        for column in range(width):
+            red, green, blue = _received(linear, row, column, optics)
+            if channels == 1:
+                encoded[row, column, 0] = curves[0, _grey(red, green, blue)]
             else:
-                encoded[i, k] = curves[k, min(int(value + 0.5), 65535)]
-        if is_mono:
-            encoded[i, 0] = curves[0, min(int(grey + 0.5), 65535)]
-    return encoded
+                encoded[row, column, 0] = curves[0, _index(red)]
+                encoded[row, column, 1] = curves[1, _index(green)]
+                encoded[row, column, 2] = curves[2, _index(blue)]
+
+
+@compiled
+def _received(
+    linear: UInt16[np.ndarray, "height width 3"], row: int, column: int, optics: Float32[np.ndarray, "6"]
+) -> tuple[np.float32, np.float32, np.float32]:
+    """Return the light on a pixel behind the lens: blurred, and less towards the corners."""
+    height, width, _ = linear.shape
+    up, down = linear[max(row - 1, 0)], linear[min(row + 1, height - 1)]
+    here, left, right = linear[row], max(column - 1, 0), min(column + 1, width - 1)
+    x = (np.float32(column) - optics[2]) / optics[0]
+    y = (np.float32(row) - optics[3]) / optics[1]
+    light = _ONE / (_ONE + optics[5] * (x * x + y * y))
+    rest = _ONE - optics[4] - optics[4]
+    corner, side, middle = light * optics[4] * optics[4], light * optics[4] * rest, light * rest * rest
+    red = _blurred(up, here, down, left, column, right, 0, corner, side, middle)
+    green = _blurred(up, here, down, left, column, right, 1, corner, side, middle)
+    return red, green, _blurred(up, here, down, left, column, right, 2, corner, side, middle)
+
+
+@compiled
+def _blurred(
+    up: UInt16[np.ndarray, "width 3"],
+    here: UInt16[np.ndarray, "width 3"],
+    down: UInt16[np.ndarray, "width 3"],
+    left: int,
+    column: int,
+    right: int,
+    channel: int,
+    corner: np.float32,
+    side: np.float32,
+    middle: np.float32,
+) -> np.float32:
+    corners = np.int32(up[left, channel]) + np.int32(up[right, channel])
+    corners += np.int32(down[left, channel]) + np.int32(down[right, channel])
+    sides = np.int32(up[column, channel]) + np.int32(down[column, channel])
+    sides += np.int32(here[left, channel]) + np.int32(here[right, channel])
+    return corner * np.float32(corners) + side * np.float32(sides) + middle * np.float32(here[column, channel])
+
+
+@compiled
+def _index(light: np.float32) -> int:
+    return min(int(light + _HALF), 65535)
+
+
+@compiled
+def _grey(red: np.float32, green: np.float32, blue: np.float32) -> int:
+    return _index(_LUMINANCE[0] * red + _LUMINANCE[1] * green + _LUMINANCE[2] * blue)
 
 
 @compiled
@@ -174,16 +216,29 @@ def _expose(
 
 
 @compiled
-def _expose_pixels(
-    encoded: UInt16[np.ndarray, "pixel channel"],
-    pixels: Int32[np.ndarray, " pixel"],
+def _expose_changed(
+    linear: UInt16[np.ndarray, "height width 3"],
+    is_changed: UInt8[np.ndarray, "height width"],
+    optics: Float32[np.ndarray, "6"],
+    curves: UInt16[np.ndarray, "3 65536"],
     starts: Int64[np.ndarray, " height"],
     samples: Int16[np.ndarray, " sample"],
     image: UInt8[np.ndarray, "height width channel"],
 ) -> None:
-    _, width, channels = image.shape
-    for i in range(len(pixels)):
-        row, column = pixels[i] // width, pixels[i] % width
-        for k in range(channels):
-            value = np.int32(encoded[i, k]) + samples[starts[row] + column * channels + k] + _FINE // 2
-            image[row, column, k] = min(max(value, 0) // _FINE, 255)
+    height, width, channels = image.shape
+    for row in range(height):
+        for column in range(width):
+            if is_changed[row, column]:
+                place = starts[row] + column * channels
+                red, green, blue = _received(linear, row, column, optics)
+                if channels == 1:
+                    image[row, column, 0] = _rounded(curves[0, _grey(red, green, blue)], samples[place])
+                else:
+                    image[row, column, 0] = _rounded(curves[0, _index(red)], samples[place])
+                    image[row, column, 1] = _rounded(curves[1, _index(green)], samples[place + 1])
+                    image[row, column, 2] = _rounded(curves[2, _index(blue)], samples[place + 2])
+
+
+@compiled
+def _rounded(encoded: int, noise: int) -> int:
+    return min(max(int(encoded) + int(noise) + _FINE // 2, 0) // _FINE, 255)

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float32, Int32, UInt16
+from jaxtyping import Bool, Float32, Int32, UInt16
 
 from assemblyhands_core.geometry.cameras import Camera
 from assemblyhands_core.synthetic.bodies import Scene
@@ -21,6 +21,9 @@ _DIELECTRIC = np.float32(0.04)  # what all that is no metal mirrors when seen st
 _AROUND, _TOWARDS_LAMPS = np.float32(0.72), np.float32(0.39)  # light from everywhere: mean, and more from the lamps
 _MIRRORED = np.float32(0.2)  # the room seen in a mirror that does not show the lamps' side
 _ZERO, _ONE, _EIGHT, _TINY = np.float32(0), np.float32(1), np.float32(8), np.float32(1e-6)
+_PORTION = 8192  # points taken through all steps at a time, so that what lies between them stays in the cache
+_BATCH = 64  # points shaded at a time
+_ROWS = 19  # numbers for each: position, normal, ray, albedo, gloss, metal, exponent, light sent, facing
 _REFERENCE_SQUARED = np.float32(REFERENCE_MM**2)
 
 
@@ -31,27 +34,32 @@ class Shaded:
     Attributes:
         positions_mm: A little off the surface.
         terms: Linear light that each sends to the camera: from everywhere, then from each of the scene's lights.
+        is_facing: Which points each of the lights can reach, if nothing else blocks it.
     """
 
     positions_mm: Float32[np.ndarray, "point 3"]
     terms: Float32[np.ndarray, "point term 3"]
-
-    def facing(self, light: int) -> Int32[np.ndarray, " facing"]:
-        """Return which points face one of the lights."""
-        return _facing(self.terms, light)
+    is_facing: Bool[np.ndarray, "light point"]
 
 
 def shade(scene: Scene, surfaces: Surfaces, camera: Camera, rays: Float32[np.ndarray, "point 3"], hits: Hits) -> Shaded:
     """Return how bright the points are where a camera's rays meet surfaces; every ray has to meet one."""
-    points = surfaces.points(camera.center_world_mm.astype(np.float32), rays, hits)
-    footprint_mm = hits.distances_mm * np.float32(pixel_rad(camera))
-    paint(points.albedo, points.places_mm, footprint_mm, points.bodies, surfaces.textures)
+    center_mm, angle = camera.center_world_mm.astype(np.float32), np.float32(pixel_rad(camera))
     rows = [(*light.position_mm, *light.intensity) for light in scene.lights]
-    lamps = np.array(rows, dtype=np.float32).reshape(-1, 6)
-    shine = points.bodies, surfaces.gloss, surfaces.metallic
-    ambient = np.array(scene.ambient, dtype=np.float32)
-    terms = _light_terms(points.positions_mm, points.normals, rays, points.albedo, *shine, lamps, ambient)
-    return Shaded(points.positions_mm, terms)
+    lamps, ambient = np.array(rows, np.float32).reshape(-1, 6), np.array(scene.ambient, np.float32)
+    positions = np.empty((len(rays), 3), np.float32)
+    terms = np.empty((len(rays), 1 + len(lamps), 3), np.float32)
+    is_facing = np.empty((len(lamps), len(rays)), np.bool_)
+    for start in range(0, len(rays), _PORTION):
+        part = slice(start, start + _PORTION)
+        some = Hits(hits.faces[part], hits.weights[part], hits.distances_mm[part])
+        points = surfaces.points(center_mm, rays[part], some)
+        paint(points.albedo, points.places_mm, some.distances_mm * angle, points.bodies, surfaces.textures)
+        shine = points.bodies, surfaces.gloss, surfaces.metallic
+        seen = points.positions_mm, points.normals, rays[part], points.albedo
+        _light_terms(*seen, *shine, lamps, ambient, terms[part], is_facing, start)
+        positions[part] = points.positions_mm
+    return Shaded(positions, terms, is_facing)
 
 
 def pixel_rad(camera: Camera) -> float:
@@ -70,53 +78,115 @@ def _light_terms(
     metallic: Float32[np.ndarray, " body"],
     lamps: Float32[np.ndarray, "lamp 6"],
     ambient: Float32[np.ndarray, "3"],
-) -> Float32[np.ndarray, "point term 3"]:
-    """Return the light that points send to the camera: from everywhere first, then from each lamp if not blocked.
+    terms: Float32[np.ndarray, "point term 3"],
+    is_facing: Bool[np.ndarray, "lamp any_point"],
+    first: int,
+) -> None:
+    """Find the light that points send to the camera, from everywhere first, and which lamps can reach them.
 
-    Lambert's law for the diffuse part. The glossy part is a lobe around the half-way vector, normalised, in the form
-    of Schlick ("An inexpensive BRDF model", 1994), which needs no power, with his Fresnel term for the surroundings.
-    These are brighter on the side of the lamps.
+    The points' terms and, from the first point on, which lamps they face are written.
+
+    Points are taken in batches whose numbers lie side by side in one small array, which the compiler turns into
+    instructions on many points at once.
     """
-    terms = np.zeros((len(positions), 1 + len(lamps), 3), np.float32)
+    batch = np.zeros(_ROWS * _BATCH, np.float32)
     exponents = (2.8 * np.exp(5.5 * gloss)).astype(np.float32)
-    peaks = gloss * (exponents + _EIGHT) / _EIGHT
-    share = _ONE / np.float32(max(len(lamps), 1))
+    middle = np.zeros(3, np.float32)
+    for lamp in range(len(lamps)):
+        middle += lamps[lamp, :3] / np.float32(len(lamps))
     sided = _ONE if len(lamps) else _ZERO  # without lamps light comes from all sides alike
-    middle_x, middle_y, middle_z = lamps[:, 0].sum() * share, lamps[:, 1].sum() * share, lamps[:, 2].sum() * share
-    for i in range(len(positions)):
-        shine, metal = gloss[bodies[i]], metallic[bodies[i]]
-        exponent, peak, matt = exponents[bodies[i]], peaks[bodies[i]], _ONE - metal
-        px, py, pz = positions[i, 0], positions[i, 1], positions[i, 2]
-        nx, ny, nz = normals[i, 0], normals[i, 1], normals[i, 2]
-        rx, ry, rz = rays[i, 0], rays[i, 1], rays[i, 2]
-        ux, uy, uz = middle_x - px, middle_y - py, middle_z - pz
+    for start in range(0, len(positions), _BATCH):
+        count = min(_BATCH, len(positions) - start)
+        for j in range(count):
+            i = start + j
+            for k in range(3):
+                batch[j + k * _BATCH], batch[j + (3 + k) * _BATCH] = positions[i, k], normals[i, k]
+                batch[j + (6 + k) * _BATCH], batch[j + (9 + k) * _BATCH] = rays[i, k], albedo[i, k]
+            batch[j + 12 * _BATCH], batch[j + 13 * _BATCH] = gloss[bodies[i]], metallic[bodies[i]]
+            batch[j + 14 * _BATCH] = exponents[bodies[i]]
+        _light_from_everywhere(batch, middle, sided, ambient)
+        _unload(batch, terms, start, count, 0)
+        for lamp in range(len(lamps)):
+            _light_from(batch, lamps[lamp])
+            _unload(batch, terms, start, count, 1 + lamp)
+            for j in range(count):
+                is_facing[lamp, first + start + j] = batch[j + 18 * _BATCH] > _ZERO
+
+
+@compiled
+def _unload(
+    batch: Float32[np.ndarray, " number"],
+    terms: Float32[np.ndarray, "point term 3"],
+    start: int,
+    count: int,
+    term: int,
+) -> None:
+    for j in range(count):
+        for k in range(3):
+            terms[start + j, term, k] = batch[j + (15 + k) * _BATCH]
+
+
+@compiled
+def _light_from_everywhere(
+    b: Float32[np.ndarray, " number"],
+    middle: Float32[np.ndarray, "3"],
+    sided: np.float32,
+    ambient: Float32[np.ndarray, "3"],
+) -> None:
+    """Put into rows 15 to 17 what points send of the light from everywhere, brighter on the side of the lamps.
+
+    The mirrored part has the Fresnel term of Schlick ("An inexpensive BRDF model", 1994).
+    """
+    middle_x, middle_y, middle_z = middle[0], middle[1], middle[2]
+    red, green, blue = ambient[0], ambient[1], ambient[2]
+    for j in range(_BATCH):
+        nx, ny, nz = b[j + 3 * _BATCH], b[j + 4 * _BATCH], b[j + 5 * _BATCH]
+        rx, ry, rz = b[j + 6 * _BATCH], b[j + 7 * _BATCH], b[j + 8 * _BATCH]
+        ux, uy, uz = middle_x - b[j], middle_y - b[j + _BATCH], middle_z - b[j + 2 * _BATCH]
+        shine, metal = b[j + 12 * _BATCH], b[j + 13 * _BATCH]
         scale = sided / np.sqrt(ux * ux + uy * uy + uz * uz + _TINY)
         facing = -(nx * rx + ny * ry + nz * rz)
         lift = (nx * ux + ny * uy + nz * uz) * scale
         mirror = max((rx * ux + ry * uy + rz * uz) * scale + (facing + facing) * lift, _ZERO)
         grazing = _ONE - min(max(facing, _ZERO), _ONE)
         grazing *= grazing * grazing * grazing * grazing * shine * shine
-        around = _AROUND * matt * (_ONE + _TOWARDS_LAMPS * lift)
+        around = _AROUND * (_ONE - metal) * (_ONE + _TOWARDS_LAMPS * lift)
         reflected = (_MIRRORED + mirror * mirror) * (shine * shine + metal * (_ONE - shine * shine))
         for k in range(3):
-            straight = _DIELECTRIC + metal * (albedo[i, k] - _DIELECTRIC)
+            color = b[j + (9 + k) * _BATCH]
+            straight = _DIELECTRIC + metal * (color - _DIELECTRIC)
             fresnel = straight + (_ONE - straight) * grazing
-            terms[i, 0, k] = ambient[k] * (albedo[i, k] * around + fresnel * reflected)
-        for lamp in range(len(lamps)):
-            lx, ly, lz = lamps[lamp, 0] - px, lamps[lamp, 1] - py, lamps[lamp, 2] - pz
-            incident = lx * nx + ly * ny + lz * nz
-            if incident <= _ZERO:
-                continue
-            scale = _ONE / np.sqrt(lx * lx + ly * ly + lz * lz)
-            incident *= scale
-            opposed = _ONE - (lx * rx + ly * ry + lz * rz) * scale  # half the square of the half-way vector
-            cosine = max((incident + facing) / np.sqrt(opposed + opposed + _TINY), _ZERO)
-            lobe = peak * cosine / (exponent - exponent * cosine + cosine)
-            falloff = incident * (_REFERENCE_SQUARED * scale * scale)
-            for k in range(3):
-                straight = _DIELECTRIC + metal * (albedo[i, k] - _DIELECTRIC)
-                terms[i, 1 + lamp, k] = lamps[lamp, 3 + k] * falloff * (albedo[i, k] * matt + straight * lobe)
-    return terms
+            part = red if k == 0 else (green if k == 1 else blue)
+            b[j + (15 + k) * _BATCH] = part * (color * around + fresnel * reflected)
+
+
+@compiled
+def _light_from(b: Float32[np.ndarray, " number"], lamp: Float32[np.ndarray, "6"]) -> None:
+    """Put into rows 15 to 17 what points send of the light of a lamp, and into row 18 how much they face it.
+
+    Lambert's law for the diffuse part. The glossy part is a lobe around the half-way vector, normalised, in the form
+    of Schlick ("An inexpensive BRDF model", 1994), which needs no power.
+    """
+    lamp_x, lamp_y, lamp_z, red, green, blue = lamp[0], lamp[1], lamp[2], lamp[3], lamp[4], lamp[5]
+    for j in range(_BATCH):
+        nx, ny, nz = b[j + 3 * _BATCH], b[j + 4 * _BATCH], b[j + 5 * _BATCH]
+        rx, ry, rz = b[j + 6 * _BATCH], b[j + 7 * _BATCH], b[j + 8 * _BATCH]
+        lx, ly, lz = lamp_x - b[j], lamp_y - b[j + _BATCH], lamp_z - b[j + 2 * _BATCH]
+        metal, exponent = b[j + 13 * _BATCH], b[j + 14 * _BATCH]
+        scale = _ONE / np.sqrt(lx * lx + ly * ly + lz * lz + _TINY)
+        incident = max((lx * nx + ly * ny + lz * nz) * scale, _ZERO)
+        facing = -(nx * rx + ny * ry + nz * rz)
+        opposed = max(_ONE - (lx * rx + ly * ry + lz * rz) * scale, _ZERO)  # half the square of the half-way vector
+        cosine = max((incident + facing) / np.sqrt(opposed + opposed + _TINY), _ZERO)
+        peak = b[j + 12 * _BATCH] * (exponent + _EIGHT) / _EIGHT
+        lobe = peak * cosine / (exponent - exponent * cosine + cosine + _TINY)
+        falloff = incident * (_REFERENCE_SQUARED * scale * scale)
+        b[j + 18 * _BATCH] = incident
+        for k in range(3):
+            color = b[j + (9 + k) * _BATCH]
+            straight = _DIELECTRIC + metal * (color - _DIELECTRIC)
+            part = red if k == 0 else (green if k == 1 else blue)
+            b[j + (15 + k) * _BATCH] = part * falloff * (color * (_ONE - metal) + straight * lobe)
 
 
 @compiled
@@ -147,14 +217,3 @@ def collect(
                 if lamp < len(direct):
                     direct[lamp, row, column, k] = min(int(part * WHITE + 0.5), 65535)
             linear[row, column, k] = min(int(light * WHITE + 0.5), 65535)
-
-
-@compiled
-def _facing(terms: Float32[np.ndarray, "point term 3"], light: int) -> Int32[np.ndarray, " facing"]:
-    facing = np.empty(len(terms), np.int32)
-    count = 0
-    for i in range(len(terms)):
-        if terms[i, 1 + light, 0] + terms[i, 1 + light, 1] + terms[i, 1 + light, 2] > 0:
-            facing[count] = i
-            count += 1
-    return facing[:count]

@@ -20,8 +20,20 @@ BLOCK_PX = 4
 
 _BLOCKED, _LIT, _UNKNOWN = 0, 1, 2  # what a pixel's ray found; unknown where none was cast
 _SAW_BLOCKED, _SAW_LIT = 1, 2  # what the rays of a block found, as bits
-_GAP_MM = 5.0  # neighbours further behind one another, plus some pixels' size, lie on different surfaces
+_GAP_MM, _FOUR = (
+    np.float32(5.0),
+    np.float32(4.0),
+)  # neighbours further behind one another, plus some pixels' size, lie on different surfaces
 _FIRST, _ASKED, _ALL = 0, 1, 2  # pixels of a block: the one asked first, every second, every
+
+
+def _taps(parity: int) -> list[tuple[int, int, int]]:
+    """Return row, column and four times the weight of the pixels that are asked around one of a colour."""
+    around = [(y, x) for y in range(-2, 3) for x in range(-2, 3) if (x + y + parity) % 2 == 0]
+    return [(y, x, (2 - abs(y) // 2) * (2 - abs(x) // 2)) for y, x in around]
+
+
+_TAPS = np.array([_taps(0), [*_taps(1), (0, 0, 0)]])
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,18 +61,20 @@ class LampView:
         blockers: tuple[Surfaces, ...],
         pixels: Int32[np.ndarray, " point"],
         positions_mm: Float32[np.ndarray, "point 3"],
+        is_facing: Bool[np.ndarray, " point"],
     ) -> None:
         """Find out what some pixels see of the lamp.
 
         Args:
             blockers: Asked one after the other, for the points that those before leave lit.
             pixels: Flat indices.
-            positions_mm: What they show, facing the lamp and a little off the surface.
+            positions_mm: What they show, a little off the surface.
+            is_facing: Whether that faces the lamp; the others are not asked.
         """
-        first, others = _one_per_block(pixels, self.found.shape[1])
-        self._cast(blockers, pixels[first], positions_mm[first])
-        asked = others[_undecided(pixels[others], self.found, self.blocks)]
-        self._cast(blockers, pixels[asked], positions_mm[asked])
+        width = self.found.shape[1]
+        self._cast(blockers, *_picked(_firsts(pixels, is_facing, width), pixels, positions_mm))
+        chosen = _undecided(pixels, is_facing, self.blocks, _with_neighbours(self.blocks), width)
+        self._cast(blockers, *_picked(chosen, pixels, positions_mm))
 
     def ask_area(
         self,
@@ -90,6 +104,7 @@ class LampView:
     def shares(
         self,
         pixels: Int32[np.ndarray, " point"],
+        is_facing: Bool[np.ndarray, " point"],
         ids: UInt8[np.ndarray, "height width"],
         distances_mm: Float32[np.ndarray, "height width"],
         pixel_rad: float,
@@ -100,12 +115,12 @@ class LampView:
 
         Args:
             pixels: Flat indices of the pixels asked for.
+            is_facing: Whether they face the lamp; the others get nothing of it, so that their share is 1.
             ids: Objects in the picture.
             distances_mm: Of what the pixels show.
             pixel_rad: Angle between neighbouring rays.
         """
-        around = _with_neighbours(self.blocks)
-        return _smoothed(pixels, self.found, self.blocks, around, ids, distances_mm, pixel_rad)
+        return _smoothed(pixels, is_facing, self.found, self.blocks, ids, distances_mm, np.float32(pixel_rad))
 
     def _cast(
         self,
@@ -115,11 +130,10 @@ class LampView:
     ) -> None:
         points = np.array(self.lamp.position_mm, dtype=np.float32) + _lamp_points(self.lamp.radius_mm)
         segments = _segments(pixels, origins, self.found.shape[1], points)
-        is_blocked = np.zeros(len(pixels), dtype=bool)
-        for surfaces in blockers:
-            free = np.flatnonzero(~is_blocked)
-            part = (origins, segments) if len(free) == len(pixels) else (origins[free], segments[free])
-            is_blocked[free] = surfaces.blocked(*part)
+        is_blocked = blockers[0].blocked(origins, segments)
+        for surfaces in blockers[1:]:
+            free = _free(is_blocked)
+            is_blocked[free] = surfaces.blocked(_rows(free, origins), _rows(free, segments))
         _note(pixels, is_blocked, self.found, self.blocks)
 
 
@@ -146,21 +160,47 @@ def _is_first(row: int, column: int) -> bool:
 
 
 @compiled
-def _one_per_block(
-    pixels: Int32[np.ndarray, " point"], width: int
-) -> tuple[Int32[np.ndarray, " first"], Int32[np.ndarray, " other"]]:
-    """Return, by place in the list, the pixels asked first and the others that may be asked."""
-    first, others = np.empty(len(pixels), np.int32), np.empty(len(pixels), np.int32)
-    num_first, num_others = 0, 0
+def _firsts(
+    pixels: Int32[np.ndarray, " point"], is_facing: Bool[np.ndarray, " point"], width: int
+) -> Int32[np.ndarray, " first"]:
+    """Return, by place in the list, the pixels asked first."""
+    firsts = np.empty(len(pixels), np.int32)
+    count = 0
     for i in range(len(pixels)):
-        row, column = pixels[i] // width, pixels[i] % width
-        if _is_first(row, column):
-            first[num_first] = i
-            num_first += 1
-        elif _target(row, column) >= 0:
-            others[num_others] = i
-            num_others += 1
-    return first[:num_first], others[:num_others]
+        if is_facing[i] and _is_first(pixels[i] // width, pixels[i] % width):
+            firsts[count] = i
+            count += 1
+    return firsts[:count]
+
+
+@compiled
+def _picked(
+    chosen: Int32[np.ndarray, " some"], pixels: Int32[np.ndarray, " point"], positions: Float32[np.ndarray, "point 3"]
+) -> tuple[Int32[np.ndarray, " some"], Float32[np.ndarray, "some 3"]]:
+    """Return some of the pixels and what they show."""
+    picked = np.empty(len(chosen), np.int32)
+    for i in range(len(chosen)):
+        picked[i] = pixels[chosen[i]]
+    return picked, _rows(chosen, positions)
+
+
+@compiled
+def _rows(chosen: Int32[np.ndarray, " some"], vectors: Float32[np.ndarray, "point 3"]) -> Float32[np.ndarray, "some 3"]:
+    rows = np.empty((len(chosen), 3), np.float32)
+    for i in range(len(chosen)):
+        rows[i, 0], rows[i, 1], rows[i, 2] = vectors[chosen[i], 0], vectors[chosen[i], 1], vectors[chosen[i], 2]
+    return rows
+
+
+@compiled
+def _free(is_blocked: Bool[np.ndarray, " ray"]) -> Int32[np.ndarray, " free"]:
+    free = np.empty(len(is_blocked), np.int32)
+    count = 0
+    for i in range(len(is_blocked)):
+        if not is_blocked[i]:
+            free[count] = i
+            count += 1
+    return free[:count]
 
 
 @compiled
@@ -201,16 +241,19 @@ def _with_neighbours(blocks: UInt8[np.ndarray, "row column"]) -> UInt8[np.ndarra
 @compiled
 def _undecided(
     pixels: Int32[np.ndarray, " point"],
-    found: UInt8[np.ndarray, "height width"],
+    is_facing: Bool[np.ndarray, " point"],
     blocks: UInt8[np.ndarray, "row column"],
+    around: UInt8[np.ndarray, "row column"],
+    width: int,
 ) -> Int32[np.ndarray, " asked"]:
-    """Return which of the pixels have to be asked, because the blocks around know nothing or do not agree."""
-    width, around = found.shape[1], _with_neighbours(blocks)
+    """Return, by place in the list, the pixels to ask because the blocks around know nothing or do not agree."""
     asked = np.empty(len(pixels), np.int32)
     count = 0
     for i in range(len(pixels)):
-        row, column = pixels[i] // width // 4, pixels[i] % width // 4
-        if blocks[row, column] == 0 or around[row, column] == _SAW_BLOCKED + _SAW_LIT:
+        row, column = pixels[i] // width, pixels[i] % width
+        if not is_facing[i] or _target(row, column) < 0 or _is_first(row, column):
+            continue
+        if blocks[row // 4, column // 4] == 0 or around[row // 4, column // 4] == _SAW_BLOCKED + _SAW_LIT:
             asked[count] = i
             count += 1
     return asked[:count]
@@ -249,34 +292,53 @@ def _note(
 @compiled
 def _smoothed(
     pixels: Int32[np.ndarray, " point"],
+    is_facing: Bool[np.ndarray, " point"],
     found: UInt8[np.ndarray, "height width"],
     blocks: UInt8[np.ndarray, "row column"],
-    around: UInt8[np.ndarray, "row column"],
     ids: UInt8[np.ndarray, "height width"],
     distances: Float32[np.ndarray, "height width"],
-    pixel_rad: float,
+    pixel_rad: np.float32,
 ) -> Float32[np.ndarray, " point"]:
     height, width = found.shape
-    shares = np.empty(len(pixels), np.float32)
+    shares = np.ones(len(pixels), np.float32)
     for i in range(len(pixels)):
+        if not is_facing[i]:
+            continue
         row, column = pixels[i] // width, pixels[i] % width
-        seen = around[row // 4, column // 4]
+        top, bottom = max(row - 2, 0), min(row + 2, height - 1)
+        left, right = max(column - 2, 0), min(column + 2, width - 1)
+        seen = blocks[top // 4, left // 4] | blocks[top // 4, right // 4]
+        seen |= blocks[bottom // 4, left // 4] | blocks[bottom // 4, right // 4]
+        if seen == 0:  # nothing was asked so near
+            seen = _seen_around(blocks, row // 4, column // 4)
         if seen != _SAW_BLOCKED + _SAW_LIT:
             shares[i] = 0.0 if seen == _SAW_BLOCKED else 1.0
             continue
         own, distance = ids[row, column], distances[row, column]
-        gap = _GAP_MM + 4 * pixel_rad * distance
-        lit, weights = 0.0, 0.0
-        for y in range(max(row - 2, 0), min(row + 3, height)):
-            weight_y = 0.5 if abs(y - row) == 2 else 1.0
-            left = max(column - 2, 0)
-            for x in range(left + ((left + y) & 1), min(column + 3, width), 2):  # those that have been asked
-                value = found[y, x]
-                if value == _UNKNOWN:  # not asked because all around agreed
-                    value = _LIT if blocks[y // 4, x // 4] == _SAW_LIT else value
-                if value != _UNKNOWN and ids[y, x] == own and abs(distances[y, x] - distance) < gap:
-                    weight = weight_y * (0.5 if abs(x - column) == 2 else 1.0)
-                    weights += weight
-                    lit += weight * value
-        shares[i] = lit / weights if weights > 0 else 1.0
+        gap = _GAP_MM + pixel_rad * (_FOUR * distance)
+        lit, weights = 0, 0
+        for tap in range(12 + (row + column + 1) % 2):
+            y, x = row + _TAPS[(row + column) & 1, tap, 0], column + _TAPS[(row + column) & 1, tap, 1]
+            if not (0 <= y < height and 0 <= x < width):
+                continue
+            value = found[y, x]
+            if value == _UNKNOWN:  # not asked because all around agreed
+                if blocks[y // 4, x // 4] != _SAW_LIT:
+                    continue
+                value = _LIT
+            is_near = (ids[y, x] == own) & (abs(distances[y, x] - distance) < gap)
+            weight = _TAPS[(row + column) & 1, tap, 2] * is_near
+            weights += weight
+            lit += weight * value
+        if weights > 0:
+            shares[i] = lit / weights
     return shares
+
+
+@compiled
+def _seen_around(blocks: UInt8[np.ndarray, "row column"], row: int, column: int) -> int:
+    seen = 0
+    for y in range(max(row - 1, 0), min(row + 2, blocks.shape[0])):
+        for x in range(max(column - 1, 0), min(column + 2, blocks.shape[1])):
+            seen |= blocks[y, x]
+    return seen

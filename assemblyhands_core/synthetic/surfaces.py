@@ -33,6 +33,15 @@ class Hits:
     weights: Float32[np.ndarray, "ray 2"]
     distances_mm: Float32[np.ndarray, " ray"]
 
+    @staticmethod
+    def nothing(count: int) -> "Hits":
+        """Return rays that meet nothing."""
+        return Hits(np.full(count, MISS, np.int32), np.zeros((count, 2), np.float32), np.full(count, FAR_MM))
+
+    def put(self, rays: Int32[np.ndarray, " some"], hits: "Hits") -> None:
+        """Note what some of the rays, by index, meet."""
+        _put(rays, hits.faces, hits.weights, hits.distances_mm, self.faces, self.weights, self.distances_mm)
+
     def select(self, rays: Int64[np.ndarray, " some"]) -> "Hits":
         """Return some of the rays, by index."""
         return Hits(self.faces[rays], self.weights[rays], self.distances_mm[rays])
@@ -95,8 +104,7 @@ class Surfaces:
     def first_hits(self, origin_mm: Float32[np.ndarray, "3"], rays: Float32[np.ndarray, "ray 3"]) -> Hits:
         """Return what unit rays from one point meet first."""
         if self.tree is None or not len(rays):
-            nothing = np.full(len(rays), MISS, np.int32), np.zeros((len(rays), 2), np.float32)
-            return Hits(*nothing, np.full(len(rays), FAR_MM))
+            return Hits.nothing(len(rays))
         found = self.tree.run(_repeated(origin_mm, len(rays)), rays, output=1)
         distances = np.minimum(found["tfar"], FAR_MM)
         return Hits(found["primID"], np.stack((found["u"], found["v"]), axis=-1), distances)
@@ -141,6 +149,22 @@ def _device() -> Any:
     from embreex.rtcore import EmbreeDevice
 
     return EmbreeDevice()
+
+
+@compiled
+def _put(
+    rays: Int32[np.ndarray, " some"],
+    faces: Int32[np.ndarray, " some"],
+    weights: Float32[np.ndarray, "some 2"],
+    distances: Float32[np.ndarray, " some"],
+    all_faces: Int32[np.ndarray, " ray"],
+    all_weights: Float32[np.ndarray, "ray 2"],
+    all_distances: Float32[np.ndarray, " ray"],
+) -> None:
+    for i in range(len(rays)):
+        ray = rays[i]
+        all_faces[ray], all_distances[ray] = faces[i], distances[i]
+        all_weights[ray, 0], all_weights[ray, 1] = weights[i, 0], weights[i, 1]
 
 
 @compiled

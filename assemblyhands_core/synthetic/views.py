@@ -7,7 +7,7 @@ from jaxtyping import Bool, Float32, Int32, UInt8, UInt16
 
 from assemblyhands_core.geometry.cameras import Camera
 from assemblyhands_core.synthetic.bodies import BACKGROUND_ID, Scene
-from assemblyhands_core.synthetic.casting import cast_at
+from assemblyhands_core.synthetic.casting import cast_all, cast_at
 from assemblyhands_core.synthetic.coverage import tile_samples
 from assemblyhands_core.synthetic.lens_rays import LensRays
 from assemblyhands_core.synthetic.sensor import Sensor
@@ -62,16 +62,12 @@ class View:
     def encoded(self, sensor: Sensor) -> UInt16[np.ndarray, "height width channel"]:
         """Return the picture as a sensor encodes it, made once."""
         if sensor not in self._encoded:
-            pixels = np.arange(self.ids.size, dtype=np.int32)
-            self._encoded[sensor] = sensor.encode(self.linear, pixels, self.camera).reshape(*self.ids.shape, -1)
+            self._encoded[sensor] = sensor.encode(self.linear, self.camera)
         return self._encoded[sensor]
 
     def positions_mm(self, pixels: Int32[np.ndarray, " pixel"]) -> Float32[np.ndarray, "pixel 3"]:
         """Return the points that pixels show."""
-        rays = self.lens.world(self.camera, pixels)
-        rays *= self.distances_mm.ravel()[pixels, None]
-        rays += self.camera.center_world_mm.astype(np.float32)
-        return rays
+        return self.lens.points(self.camera, pixels, self.distances_mm)
 
     def shadow_tiles(self, scene: Scene, light: int) -> Bool[np.ndarray, "row column"]:
         """Return the tiles of the picture that the moving bodies of a scene may keep some of a light from."""
@@ -88,9 +84,11 @@ class View:
             self._is_lit[light] = (red | green | blue) > 0
         return self._is_lit[light]
 
-    def shares(self, lamp: LampView, pixels: Int32[np.ndarray, " pixel"]) -> Float32[np.ndarray, " pixel"]:
-        """Return the share of a lamp that reaches what pixels show."""
-        return lamp.shares(pixels, self.ids, self.distances_mm, pixel_rad(self.camera))
+    def shares(
+        self, lamp: LampView, pixels: Int32[np.ndarray, " pixel"], is_facing: Bool[np.ndarray, " pixel"]
+    ) -> Float32[np.ndarray, " pixel"]:
+        """Return the share of a lamp that reaches what pixels show, 1 where that does not face it."""
+        return lamp.shares(pixels, is_facing, self.ids, self.distances_mm, pixel_rad(self.camera))
 
 
 def static_view(scene: Scene, static: Surfaces, camera: Camera) -> View:
@@ -124,17 +122,15 @@ def see_moving(view: View, scene: Scene) -> Points:
 
 def _look(view: View, scene: Scene, static: Surfaces) -> tuple[Int32[np.ndarray, " met"], Hits]:
     """Note what all pixels see; return those that see a surface, and where their rays meet it."""
-    pixels = np.arange(view.ids.size, dtype=np.int32)
-    rays = view.lens.world(view.camera, pixels)
-    hits = static.first_hits(view.camera.center_world_mm.astype(np.float32), rays)
+    hits = cast_all(view.camera, view.lens, static)
     met = np.flatnonzero(hits.faces != MISS)
-    if len(met) < len(pixels):
-        missed = np.flatnonzero((hits.faces == MISS) & ~np.isnan(rays[:, 0]))
+    if len(met) < view.ids.size:
+        missed = np.flatnonzero((hits.faces == MISS) & ~np.isnan(view.lens.rays[..., 0].ravel()))
         view.linear.reshape(-1, 3)[missed] = np.rint(np.array(scene.backdrop) * WHITE)
-        pixels, hits = pixels[met], hits.select(met)
-    view.ids.ravel()[pixels] = static.ids(hits.faces)
-    view.distances_mm.ravel()[pixels] = hits.distances_mm
-    return pixels, hits
+        hits = hits.select(met)
+    view.ids.ravel()[met] = static.ids(hits.faces)
+    view.distances_mm.ravel()[met] = hits.distances_mm
+    return met.astype(np.int32), hits
 
 
 def _shaded(view: View, scene: Scene, surfaces: Surfaces, pixels: Int32[np.ndarray, " pixel"], hits: Hits) -> Points:
@@ -147,10 +143,9 @@ def _light(view: View, scene: Scene, blockers: tuple[Surfaces, ...], parts: list
     for index, light in enumerate(scene.lights):
         if light.casts_shadow:
             lamp = LampView.empty(light, view.ids.shape)
-            facing = [shaded.facing(index) for _, shaded in parts]
-            for chosen, (pixels, shaded) in zip(facing, parts, strict=True):
-                lamp.ask(blockers, pixels[chosen], shaded.positions_mm[chosen])
-            for chosen, share, (pixels, _) in zip(facing, shares, parts, strict=True):
-                share[index, chosen] = view.shares(lamp, pixels[chosen])
+            for pixels, shaded in parts:
+                lamp.ask(blockers, pixels, shaded.positions_mm, shaded.is_facing[index])
+            for share, (pixels, shaded) in zip(shares, parts, strict=True):
+                share[index] = view.shares(lamp, pixels, shaded.is_facing[index])
     for share, (pixels, shaded) in zip(shares, parts, strict=True):
         collect(pixels, shaded.terms, share, view.linear, view.direct)

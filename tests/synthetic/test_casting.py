@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 import trimesh
-from drawn_scenes import make_body, make_camera
+from drawn_scenes import make_body, make_camera, make_floor
 
 from assemblyhands_core.synthetic.bodies import merged
-from assemblyhands_core.synthetic.casting import cast_at
+from assemblyhands_core.synthetic.casting import cast_all, cast_at
 from assemblyhands_core.synthetic.lens_rays import LensRays
 from assemblyhands_core.synthetic.surfaces import FAR_MM, MISS
 
@@ -50,6 +50,30 @@ def test_embree_finds_the_same_faces(model: str, around_camera: bool) -> None:
         np.testing.assert_allclose(hits.weights[place], expected.weights[same], atol=5e-3)
         np.testing.assert_array_equal(distances.ravel()[pixels], hits.distances_mm)
     assert num_same > 5000
+
+
+@pytest.mark.parametrize("model", ["Pinhole", "OpenCV", "OVFishEye62"])
+def test_rays_between_those_that_agree_meet_the_same_face(model: str) -> None:
+    for seed, size in [(0, (480, 360)), (1, (481, 361))]:
+        surfaces, camera = merged(_pieces(seed, False)), make_camera(model, size=size)
+        hits = cast_all(camera, LensRays.of(camera), surfaces)
+        every = np.arange(size[0] * size[1], dtype=np.int32)
+        rays = LensRays.of(camera).world(camera, every)
+        expected = surfaces.first_hits(camera.center_world_mm.astype(np.float32), rays)
+        assert (expected.faces != MISS).sum() > 5000
+        assert (hits.faces != expected.faces).mean() < 3e-4  # tips of outlines that lie between rays
+        same = np.flatnonzero((hits.faces == expected.faces) & (expected.faces != MISS))
+        np.testing.assert_allclose(hits.distances_mm[same], expected.distances_mm[same], rtol=1e-4)
+        np.testing.assert_allclose(hits.weights[same], expected.weights[same], atol=5e-3)
+
+
+def test_every_second_ray_finds_the_nearest_of_large_faces_and_nothing_beside_them() -> None:
+    camera, surfaces = make_camera(), merged([make_floor(size_mm=400.0)])
+    hits = cast_all(camera, LensRays.of(camera), surfaces)
+    x, y = np.rint(camera.project(np.array([[199.0, 0.0, 0.0], [202.0, 0.0, 0.0]]))).astype(int).T
+    is_met = (hits.faces != MISS).reshape(240, 320)
+    assert is_met[120, 160] and is_met[y[0], x[0]] and not is_met[y[1], x[1]] and not is_met[0, 0]
+    assert (hits.distances_mm[~is_met.ravel()] == FAR_MM).all()
 
 
 def test_only_what_is_nearer_is_found() -> None:

@@ -13,9 +13,7 @@ CAMERA = make_camera(size=(64, 48))
 
 
 def _expose(sensor: Sensor, linear: np.ndarray, frame: int = 0) -> np.ndarray:
-    pixels = np.arange(64 * 48, dtype=np.int32)
-    encoded = sensor.encode(linear, pixels, CAMERA).reshape(48, 64, -1)
-    return sensor.noise_of(CAMERA, 0, frame).expose(encoded)
+    return sensor.noise_of(CAMERA, 0, frame).expose(sensor.encode(linear, CAMERA))
 
 
 def _even(*light: float) -> np.ndarray:
@@ -69,8 +67,10 @@ def test_single_pixels_get_what_they_get_in_the_whole() -> None:
     for is_mono in (False, True):
         sensor = Sensor(is_mono=is_mono)
         whole, noise = _expose(sensor, linear), sensor.noise_of(CAMERA, 0, 0)
-        image, pixels = np.zeros_like(whole), np.array([0, 63, 700, 64 * 48 - 1], dtype=np.int32)
-        noise.expose_pixels(sensor.encode(linear, pixels, CAMERA), pixels, image)
+        image, is_changed = np.zeros_like(whole), np.zeros((48, 64), np.uint8)
+        pixels = np.array([0, 63, 700, 64 * 48 - 1])
+        is_changed.ravel()[pixels] = 1
+        sensor.expose_changed(linear, is_changed, CAMERA, noise, image)
         np.testing.assert_array_equal(image.reshape(64 * 48, -1)[pixels], whole.reshape(64 * 48, -1)[pixels])
         assert np.count_nonzero(image.any(axis=-1)) == 4
 
