@@ -58,12 +58,11 @@ def unproject_features(
     """
     batch, _, channels, *_ = features.shape
     points = points_world_mm.flatten(1, 3)
-    used = is_view_used if is_view_used is not None else torch.ones_like(P_pixel_from_world[..., 0, 0], dtype=torch.bool)
+    used = (
+        is_view_used if is_view_used is not None else torch.ones_like(P_pixel_from_world[..., 0, 0], dtype=torch.bool)
+    )
     samples, votes = zip(
-        *(
-            _look(features[:, view], P_pixel_from_world[:, view], points, sampling)
-            for view in range(features.shape[1])
-        ),
+        *(_look(features[:, view], P_pixel_from_world[:, view], points, sampling) for view in range(features.shape[1])),
         strict=True,
     )
     is_voting = torch.stack(votes, dim=1) & used[:, :, None]
