@@ -41,7 +41,7 @@ class HandViews:
         images: RGB; grey three times from mono cameras, black where a view is not valid.
         object_id: What the centre of each pixel shows; 0 where a view is not valid or beyond the raw picture.
         cameras: The exact pinhole of each crop; of a view that is not valid without meaning.
-        is_valid: Views in whose picture at least one joint lies and which have a window.
+        is_valid: Views in whose picture at least one joint lies and whose window shows some of the picture.
         joints_world_mm: The truth.
         joints_px: In the crops; NaN behind a camera.
         is_in_crop: Joints within a crop of a valid view, hidden or not.
@@ -98,12 +98,15 @@ class CropInstant:
         rng = np.random.default_rng([self.scene.seed, tick, HANDS.index(hand), seed, _BOX_STREAM])
         windows = box.windows(self.rectified, joints, rng)
         is_inside = self._is_in_picture[:, HANDS.index(hand)]
-        is_valid = is_inside.any(axis=-1) & np.isfinite(windows.sides_px)
-        cameras = tuple(self._crop(view, windows, size_px, bool(ok)) for view, ok in enumerate(is_valid))
-        images, object_id = self._draw(cameras, is_valid, len(HANDS) * tick + HANDS.index(hand), size_px)
+        has_window = is_inside.any(axis=-1) & np.isfinite(windows.sides_px)
+        cameras = tuple(self._crop(view, windows, size_px, bool(has)) for view, has in enumerate(has_window))
+        is_filled = np.stack([_filled(source, crop) for source, crop in zip(self.sources, cameras, strict=True)])
+        is_filled &= has_window[:, None, None]
+        is_valid = np.asarray(is_filled.any(axis=(1, 2)))
+        images, object_id = self._draw(cameras, is_filled, len(HANDS) * tick + HANDS.index(hand))
         joints_px = np.stack([camera.project(joints) for camera in cameras])
         is_in_crop = np.stack([c.contains(px) for c, px in zip(cameras, joints_px, strict=True)])
-        is_visible = self._is_seen[:, HANDS.index(hand)]
+        is_visible = self.is_visible[:, HANDS.index(hand)]
         segment = self.state.segments[0] if self.state.segments else None
         return HandViews(
             hand=hand,
@@ -118,7 +121,7 @@ class CropInstant:
             is_visible=is_visible,
             verb=segment.verb if segment else "",
             noun=segment.noun if segment else "",
-            occlusion_rate=1.0 - is_visible.sum() / is_inside.sum() if is_inside.any() else float("nan"),
+            occlusion_rate=1.0 - float(is_visible.sum() / is_inside.sum()) if is_inside.any() else float("nan"),
         )
 
     @cached_property
@@ -129,6 +132,13 @@ class CropInstant:
             for camera, sensor in zip(self.sources, self.sensors, strict=True)
         )
 
+    @cached_property
+    def is_visible(self) -> Bool[np.ndarray, "view hand=2 joint=21"]:
+        """Which joints in the pictures nothing hides; found once for both hands and all boxes."""
+        joints = self.state.joints_world_mm
+        seen = visibility(self.scene, self.sources, joints, _OWNERS, background_cache=self.cache)
+        return seen.reshape(len(self.sources), len(HANDS), NUM_JOINTS)
+
     @property
     def _both_mm(self) -> Float64[np.ndarray, "hand=2 joint=21 3"]:
         return self.state.joints_world_mm.reshape(len(HANDS), NUM_JOINTS, 3)
@@ -137,13 +147,6 @@ class CropInstant:
     def _is_in_picture(self) -> Bool[np.ndarray, "view hand=2 joint=21"]:
         return np.stack([camera.contains(camera.project(self._both_mm)) for camera in self.sources])
 
-    @cached_property
-    def _is_seen(self) -> Bool[np.ndarray, "view hand=2 joint=21"]:
-        """Found once for both hands and all boxes."""
-        joints = self.state.joints_world_mm
-        seen = visibility(self.scene, self.sources, joints, _OWNERS, background_cache=self.cache)
-        return seen.reshape(len(self.sources), len(HANDS), NUM_JOINTS)
-
     def _crop(self, view: int, windows: Windows, size_px: int, is_valid: bool) -> Camera:
         camera = self.rectified[view]
         if is_valid:
@@ -151,11 +154,12 @@ class CropInstant:
         return crop_camera(camera, (camera.cx_px, camera.cy_px), float(camera.height_px), size_px)
 
     def _draw(
-        self, cameras: Sequence[Camera], is_valid: Bool[np.ndarray, " view"], frame_seed: int, size_px: int
+        self, cameras: Sequence[Camera], is_filled: Bool[np.ndarray, "view size size"], frame_seed: int
     ) -> tuple[UInt8[np.ndarray, "view size size 3"], UInt8[np.ndarray, "view size size"]]:
-        images = np.zeros((len(cameras), size_px, size_px, 3), dtype=np.uint8)
-        object_id = np.zeros(images.shape[:3], dtype=np.uint8)
-        views = np.flatnonzero(is_valid).tolist()
+        """Draw the views of which there is anything, black where the raw picture has nothing."""
+        images = np.zeros((*is_filled.shape, 3), dtype=np.uint8)
+        object_id = np.zeros(is_filled.shape, dtype=np.uint8)
+        views = np.flatnonzero(is_filled.any(axis=(1, 2))).tolist()
         drawn = render_crops(
             self.scene,
             [cameras[view] for view in views],
@@ -164,10 +168,9 @@ class CropInstant:
             background_cache=self.cache,
         )
         for view, picture in zip(views, drawn, strict=True):
-            is_filled = _filled(self.sources[view], cameras[view])
             colors = picture.image if picture.image.ndim == 3 else picture.image[..., None]
-            images[view] = colors * is_filled[..., None]
-            object_id[view] = picture.object_id * is_filled
+            images[view] = colors * is_filled[view, ..., None]
+            object_id[view] = picture.object_id * is_filled[view]
         return images, object_id
 
 

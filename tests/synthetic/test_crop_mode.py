@@ -162,6 +162,27 @@ def test_a_crop_is_black_beyond_the_raw_picture(studio: CropStudio) -> None:
     assert not views.images[0][~is_there].any() and views.images[0][is_there].any(axis=-1).mean() > 0.99
 
 
+def test_a_window_that_shows_nothing_of_the_picture_is_not_valid(studio: CropStudio) -> None:
+    centers = np.array([[960.0, 540.0], [-5000.0, 500.0], [np.nan, np.nan]])
+    views = studio.at(TIMES_S[0]).hand_views("right", 64, Windows(centers, np.array([300.0, 300.0, np.nan])))
+    assert views.is_valid.tolist() == [True, False, False]
+    assert views.images[0].any() and not views.images[1:].any() and not views.is_in_crop[1:].any()
+    assert views.is_visible[1:].any()  # the hand is in these pictures nevertheless
+
+
+@pytest.mark.xfail(reason="LensRays interpolates unit rays where nodes of a pinhole lie more than 84° off its axis")
+def test_oblique_crops_of_the_headset_show_the_hand_too(take: Take) -> None:
+    rig = assembly_rig(1)
+    studio = CropStudio.of(take, rig, SENSOR_SEED, list(rig.ego)[:2])
+    found = []
+    for t_s in np.arange(0.5, 14.0, 1.5).tolist():
+        for hand in HANDS:
+            views = studio.hand_views(t_s, hand, 64)
+            found += [at_joints(views, view, shown(views, view)) == HAND_IDS[hand] for view in (0, 1)]
+    assert len(np.concatenate(found)) > 20
+    assert np.concatenate(found).mean() > 0.95
+
+
 def test_unknown_cameras_are_refused(take: Take) -> None:
     with pytest.raises(ValueError, match="The assembly rig has no camera D01_rgb"):
         CropStudio.of(take, assembly_rig(1), SENSOR_SEED, ("D01_rgb",))
