@@ -13,10 +13,12 @@ from stages import (
     deliver_recording,
     detect_hands,
     detect_keypoints,
+    draw_crops,
     draw_overlays,
     film_take,
     ingest,
     measure_quality,
+    plan_crops,
     preview_recording,
     script_take,
     triangulate,
@@ -111,6 +113,7 @@ def build_dag() -> Dag:
     """Return the whole pipeline."""
     dag = Dag()
     _add_studio(dag)
+    _add_training(dag)
     _add_annotation(dag)
     return dag
 
@@ -134,6 +137,12 @@ def _add_studio(dag: Dag) -> None:
     dag.add(
         "preview", preview_recording.STAGE, takes=TAKE_EDGE, footage="film.footage", true_views="film.true_views"
     )
+
+
+def _add_training(dag: Dag) -> None:
+    """Add how networks are trained on crops (paper, Sec. 3.1)."""
+    dag.add("crop_plan", plan_crops.STAGE, takes=TAKE_EDGE)
+    dag.add("training_crops", draw_crops.STAGE, takes=TAKE_EDGE, chunks="crop_plan.chunks")
 
 
 def _add_annotation(dag: Dag) -> None:
@@ -188,7 +197,7 @@ TARGETS: Final[Mapping[str, tuple[str, ...]]] = {
     "undistort": ("undistort",),
     "simulate": ("delivery", "preview"),
 }
-STUDIO_TARGETS: Final = frozenset({"simulate", "script", "film", "delivery", "preview"})
+STUDIO_TARGETS: Final = frozenset({"simulate", "script", "film", "delivery", "preview", "crop_plan", "training_crops"})
 """What starts from a manifest's orders instead of files."""
 SIDE_TARGETS: Final = frozenset({"doctor", *STUDIO_TARGETS})
 """What makes nothing that anyone would go on with in a notebook: the run `latest` stays another one."""

@@ -12,6 +12,10 @@ from pipeline.manifests import ManifestRow, select_rows
 
 STUDIO_PACKAGE: Final = "synthetic"
 """What manifests call the recordings of the studio."""
+CROPS_PACKAGE: Final = "crops"
+"""What manifests call crops that the studio draws directly, for training."""
+
+_ORDERED: Final = (STUDIO_PACKAGE, CROPS_PACKAGE)
 
 
 @dataclass(frozen=True)
@@ -42,7 +46,7 @@ def select_takes(config: RunConfig) -> list[OrderedTake]:
         UserError: a sequence is a real one, or its row does not say what to record.
     """
     rows = select_rows(config)
-    if real := [row["sequence_id"] for row in rows if row["package"] != STUDIO_PACKAGE]:
+    if real := [row["sequence_id"] for row in rows if row["package"] not in _ORDERED]:
         raise UserError(f"{', '.join(real)}: real recordings cannot be simulated; choose sequences of synthetic_*.csv")
     return [_take(row) for row in rows]
 
@@ -62,6 +66,6 @@ def _take(row: ManifestRow) -> OrderedTake:
         duration_s = float(row["duration_s"])
     except ValueError:
         raise UserError(f"sequence {name}: the manifest's duration_s is {row['duration_s']!r}, no number") from None
-    if row["rig"] not in ("assembly", "desktop") or not 0 < duration_s <= 3600:
-        raise UserError(f"sequence {name}: rig has to be assembly or desktop, duration_s above 0 and at most 3600")
+    if row["rig"] not in ("assembly", "desktop") or not 0 < duration_s <= 10**6:
+        raise UserError(f"sequence {name}: rig has to be assembly or desktop, duration_s above 0 and at most 1e6")
     return OrderedTake(name, row["split"], row["rig"], duration_s)

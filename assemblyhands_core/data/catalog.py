@@ -176,6 +176,21 @@ JOINTS: Final = TableSpec(
         ]
     ),
 )
+HAND_LABELS: Final = TableSpec(
+    "hand_labels",
+    1,
+    ("sequence_id", "frame", "hand"),
+    pa.schema(
+        [
+            *_HAND,
+            ("joints_world_mm", _each(pa.float32(), 3 * NUM_JOINTS)),
+            ("valid", _each(_FLAG, NUM_JOINTS)),
+            ("source", _TEXT),  # truth, or who annotated
+            ("verb", _TEXT),  # what is being done, if known
+            ("occlusion_rate", pa.float32()),  # of the joints in all views, NaN if unknown
+        ]
+    ),
+)
 RESIDUALS: Final = TableSpec(
     "residuals",
     1,
