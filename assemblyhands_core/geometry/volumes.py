@@ -58,19 +58,17 @@ def unproject_features(
     """
     batch, _, channels, *_ = features.shape
     points = points_world_mm.flatten(1, 3)
-    used = (
-        is_view_used if is_view_used is not None else torch.ones_like(P_pixel_from_world[..., 0, 0], dtype=torch.bool)
-    )
-    samples, votes = zip(
-        *(_look(features[:, view], P_pixel_from_world[:, view], points, sampling) for view in range(features.shape[1])),
-        strict=True,
-    )
-    is_voting = torch.stack(votes, dim=1) & used[:, :, None]
+    views = zip(features.unbind(1), P_pixel_from_world.unbind(1), strict=True)
+    looks = (_look(maps, matrices, points, sampling) for maps, matrices in views)
+    samples, votes = zip(*looks, strict=True)
+    is_voting = torch.stack(votes, dim=1)
+    if is_view_used is not None:
+        is_voting = is_voting & is_view_used[:, :, None]
     fused = _softmax_mean(torch.stack(samples, dim=1), is_voting[:, :, None])
     return fused.view(batch, channels, *points_world_mm.shape[1:4])
 
 
-def project(
+def _project(
     P_pixel_from_world: Float[Tensor, "batch 3 4"], points_world_mm: Float[Tensor, "batch point 3"]
 ) -> tuple[Float[Tensor, "batch point 2"], Float[Tensor, "batch point"]]:
     """Return pixels and depths, in float64: half a pixel decides whether a view sees a point.
@@ -90,7 +88,7 @@ def _look(
     sampling: Sampling,
 ) -> tuple[Float[Tensor, "batch channel point"], Bool[Tensor, "batch point"]]:
     """Return what one view sees at the points, and where it has a vote."""
-    pixels, depth = project(P_pixel_from_world, points_world_mm)
+    pixels, depth = _project(P_pixel_from_world, points_world_mm)
     size = torch.tensor(features.shape[:1:-1], dtype=pixels.dtype, device=pixels.device)
     in_front = depth >= MIN_DEPTH_MM
     if sampling == "reference":

@@ -141,16 +141,15 @@ class MVExoNet(nn.Module):
     ) -> Float[Tensor, "batch view channel feature_height feature_width"]:
         """Encode used views only: the others cost nothing and do not enter the batch norms' statistics."""
         chosen = is_view_used.flatten()
-        encoded = self.encoder(images.flatten(0, 1)[chosen]) if chosen.any() else None
-        if encoded is not None and chosen.all():
-            return encoded.unflatten(0, is_view_used.shape)
-        side = self.config.image_size_px // STRIDE
-        shape = encoded.shape[1:] if encoded is not None else (self.config.num_channels, side, side)
-        kind = encoded if encoded is not None else images
-        features = kind.new_zeros(len(chosen), *shape).contiguous(memory_format=torch.channels_last)
-        if encoded is not None:
-            features = features.index_copy(0, chosen.nonzero()[:, 0], encoded)
-        return features.unflatten(0, is_view_used.shape)
+        if not chosen.any():
+            height, width = (size // STRIDE for size in images.shape[-2:])
+            return images.new_zeros(*is_view_used.shape, self.config.num_channels, height, width)
+        encoded: Tensor = self.encoder(images.flatten(0, 1)[chosen])
+        if not chosen.all():
+            places = chosen.nonzero()[:, 0]
+            blank = encoded.new_zeros(len(chosen), *encoded.shape[1:])
+            encoded = blank.contiguous(memory_format=torch.channels_last).index_copy(0, places, encoded)
+        return encoded.view(*is_view_used.shape, *encoded.shape[1:])
 
     def _read(
         self,

