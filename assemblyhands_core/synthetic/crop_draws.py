@@ -13,9 +13,10 @@ from assemblyhands_core.synthetic.rig import RIGS
 from assemblyhands_core.synthetic.take import Take
 from assemblyhands_core.synthetic.toys import SetKind
 
-NUM_INSTANTS: Final = 24
+NUM_INSTANTS: Final = 32
 DURATION_S: Final = 24.0
-"""The script of a take takes about a second; drawing both hands at so many instants takes several times that."""
+"""A script takes half a second and 60 ms for every second of take, as long as drawing one hand in eight views does:
+instants that lie 0.75 s apart, in which hands move by some centimetres, keep it below a quarter of the work."""
 
 _STREAM: Final = 0x7A1E
 # Recordings seed takes by a 32-bit checksum of their names and rigs by their day as eight digits: these are neither.
