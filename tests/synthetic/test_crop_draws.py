@@ -1,5 +1,7 @@
 """Which instants are drawn: spread out, different, repeatable, none of a recording."""
 
+import pickle
+
 import numpy as np
 import pytest
 
@@ -16,6 +18,7 @@ def test_instants_lie_within_the_take_and_apart() -> None:
 def test_draws_differ_and_repeat() -> None:
     drawn = [draw_training_take(subject, seed) for subject in range(4) for seed in range(25)]
     assert drawn == [draw_training_take(subject, seed) for subject in range(4) for seed in range(25)]
+    assert pickle.loads(pickle.dumps(drawn)) == drawn  # workers get them
     assert len({take.take_seed for take in drawn}) == len({take.day_seed for take in drawn}) == 100
     assert draw_training_take(0, 0, "desktop").take_seed != draw_training_take(0, 0).take_seed
 

@@ -135,6 +135,15 @@ def test_the_same_seed_gives_the_same_bytes_whatever_was_drawn_before(studio: Cr
     assert other.cameras[0].cx_px != first.cameras[0].cx_px
 
 
+def test_both_hands_and_all_boxes_share_the_scene_of_an_instant(studio: CropStudio) -> None:
+    instant = studio.at(TIMES_S[0])
+    meshes = instant.scene.moving_surfaces
+    studio.hand_views(TIMES_S[0], "right", 32)
+    studio.hand_views(TIMES_S[0], "left", 32, AroundHand(2.0))
+    assert studio.at(TIMES_S[0]) is instant and instant.scene.moving_surfaces is meshes
+    assert studio.at(TIMES_S[1]).scene.static is instant.scene.static
+
+
 def test_views_without_the_hand_are_not_valid_and_black(take: Take) -> None:
     rig = assembly_rig(1)
     studio = CropStudio.of(take, rig, SENSOR_SEED, tuple(rig.ego))
