@@ -93,6 +93,11 @@ class Scene:
     backdrop: Color = (0.06, 0.06, 0.065)
 
     @cached_property
+    def shading_lights(self) -> tuple[Light, ...]:
+        """Those of the lights that throw shadows."""
+        return tuple(light for light in self.lights if light.casts_shadow)
+
+    @cached_property
     def static_surfaces(self) -> Surfaces:
         """The static bodies as one mesh; rendering takes it from the `BackgroundCache` where there is one."""
         return merged(self.static)
@@ -104,17 +109,14 @@ class Scene:
 
     @cached_property
     def shadow_maps(self) -> tuple[ShadowMap, ...]:
-        """Where the shadows of the moving bodies lie, for each light; made once for all views of the instant.
-
-        A light that throws no shadows has those of nothing.
+        """Where the shadows of the moving bodies lie, for each light that throws any; made once for all views.
 
         The maps' axes point to the static bodies, so that they are the same for all scenes of a recording.
         """
         middles = [body.vertices_mm.mean(axis=0) for body in self.static] or [np.zeros(3)]
         target = np.stack(middles).mean(axis=0, dtype=np.float64)
-        maps = (LightMap.towards(light.position_mm, light.radius_mm, target) for light in self.lights)
-        parts = (self.moving_surfaces if light.casts_shadow else merged(()) for light in self.lights)
-        return tuple(ShadowMap.of(around, surfaces) for around, surfaces in zip(maps, parts, strict=True))
+        maps = (LightMap.towards(light.position_mm, light.radius_mm, target) for light in self.shading_lights)
+        return tuple(ShadowMap.of(around, self.moving_surfaces) for around in maps)
 
 
 def merged(bodies: Sequence[Body]) -> Surfaces:

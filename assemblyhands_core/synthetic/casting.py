@@ -16,6 +16,7 @@ from assemblyhands_core.synthetic.surfaces import MISS, Hits, Surfaces
 
 _BOW = 0.15  # how far the image of an edge may bow, as a share of length² / focal: 0.08 in an equidistant fisheye
 _MARGIN_PX = 0.02
+_WIDE_PX = 6  # faces whose columns are worked out for each row
 _CUT_MARGIN_PX = 12.0  # at most, for a face of which only a part is in the field and how long it is there is not known
 
 
@@ -145,8 +146,13 @@ def _meet(
         nx = (by - ay) * (cz - az) - (bz - az) * (cy - ay)
         ny = (bz - az) * (cx - ax) - (bx - ax) * (cz - az)
         nz = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
+        is_wide = x1 - x0 >= _WIDE_PX and not missing
         for y in range(y0, y1 + 1):
-            for x in range(x0, x1 + 1):
+            start, end = x0, x1
+            if is_wide:
+                left, right = _row_range(images, p, q, r, y, margin)
+                start, end = max(x0, int(np.ceil(left))), min(x1, int(right))
+            for x in range(start, end + 1):
                 dx, dy, dz = rays[y, x, 0], rays[y, x, 1], rays[y, x, 2]
                 if dx * ux + dy * uy + dz * uz > 0 or dx * vx + dy * vy + dz * vz > 0:
                     continue
@@ -155,6 +161,26 @@ def _meet(
                     distances[y, x] = volume / slope
                     seen[y, x] = face
     return first_row, last_row + 1
+
+
+@compiled
+def _row_range(
+    images: Float64[np.ndarray, "vertex 2"], p: int, q: int, r: int, y: int, margin: float
+) -> tuple[float, float]:
+    """Return between which columns of a row a triangle of the picture lies, or something within a margin of it."""
+    left, right = 1e9, 0.0
+    for edge in range(3):
+        a, b = (p, q) if edge == 0 else ((q, r) if edge == 1 else (r, p))
+        if images[a, 1] > images[b, 1]:
+            a, b = b, a
+        top, bottom = max(images[a, 1], y - margin), min(images[b, 1], y + margin)
+        if top > bottom:
+            continue
+        slope = (images[b, 0] - images[a, 0]) / max(images[b, 1] - images[a, 1], 1e-9)
+        upper = images[a, 0] + (top - images[a, 1]) * slope
+        lower = images[a, 0] + (bottom - images[a, 1]) * slope
+        left, right = min(left, upper, lower), max(right, upper, lower)
+    return left - margin, right + margin
 
 
 @compiled

@@ -121,9 +121,9 @@ def _with_moving(
     is_changed = np.zeros(view.ids.shape, dtype=np.uint8)
     is_changed.ravel()[pixels] = 1
     is_static = is_changed == 0
-    shares = np.ones((len(scene.lights), len(pixels)), dtype=np.float32)
-    for index, light in enumerate(scene.lights):
-        if light.casts_shadow and scene.moving:
+    shares = np.ones((len(scene.shading_lights), len(pixels)), dtype=np.float32)
+    for index, light in enumerate(scene.shading_lights):
+        if scene.moving:
             lamp = LampView.empty(light, view.ids.shape)
             lamp.ask((surfaces, static_surfaces), pixels, shaded.positions_mm, shaded.is_facing[index])
             area = _blocks(static.shadow_tiles(scene, index), lamp.blocks.shape)

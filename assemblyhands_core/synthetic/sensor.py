@@ -82,7 +82,7 @@ class Sensor:
         _expose_changed(linear, is_changed, self._optics(camera), _curves(self), noise.starts, noise.samples, image)
 
     def _optics(self, camera: Camera) -> Float32[np.ndarray, "6"]:
-        numbers = camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px, self.blur, self.vignetting
+        numbers = 1 / camera.fx_px, 1 / camera.fy_px, camera.cx_px, camera.cy_px, self.blur, self.vignetting
         return np.array(numbers, dtype=np.float32)
 
     def noise_of(self, camera: Camera, seed: int, frame: int) -> "Noise":
@@ -138,9 +138,11 @@ def _encode(
     encoded: UInt16[np.ndarray, "height width channel"],
 ) -> None:
     height, width, channels = encoded.shape
+    room = _rows(width)
     for row in range(height):
+        _blur_row(linear, row, 0, width, optics[4], *room)
         for column in range(width):
-            red, green, blue = _received(linear, row, column, optics)
+            red, green, blue = _received(room[2], row, column, optics)
             if channels == 1:
                 encoded[row, column, 0] = curves[0, _grey(red, green, blue)]
             else:
@@ -150,41 +152,51 @@ def _encode(
 
 
 @compiled
-def _received(
-    linear: UInt16[np.ndarray, "height width 3"], row: int, column: int, optics: Float32[np.ndarray, "6"]
-) -> tuple[np.float32, np.float32, np.float32]:
-    """Return the light on a pixel behind the lens: blurred, and less towards the corners."""
-    height, width, _ = linear.shape
-    up, down = linear[max(row - 1, 0)], linear[min(row + 1, height - 1)]
-    here, left, right = linear[row], max(column - 1, 0), min(column + 1, width - 1)
-    x = (np.float32(column) - optics[2]) / optics[0]
-    y = (np.float32(row) - optics[3]) / optics[1]
-    light = _ONE / (_ONE + optics[5] * (x * x + y * y))
-    rest = _ONE - optics[4] - optics[4]
-    corner, side, middle = light * optics[4] * optics[4], light * optics[4] * rest, light * rest * rest
-    red = _blurred(up, here, down, left, column, right, 0, corner, side, middle)
-    green = _blurred(up, here, down, left, column, right, 1, corner, side, middle)
-    return red, green, _blurred(up, here, down, left, column, right, 2, corner, side, middle)
+def _rows(
+    width: int,
+) -> tuple[Float32[np.ndarray, " padded"], Float32[np.ndarray, " padded"], Float32[np.ndarray, " number"]]:
+    """Return room for the rows above and below a row, for itself, and for what is made of them."""
+    return np.empty(3 * width + 6, np.float32), np.empty(3 * width + 6, np.float32), np.empty(3 * width, np.float32)
 
 
 @compiled
-def _blurred(
-    up: UInt16[np.ndarray, "width 3"],
-    here: UInt16[np.ndarray, "width 3"],
-    down: UInt16[np.ndarray, "width 3"],
-    left: int,
-    column: int,
-    right: int,
-    channel: int,
-    corner: np.float32,
-    side: np.float32,
-    middle: np.float32,
-) -> np.float32:
-    corners = np.int32(up[left, channel]) + np.int32(up[right, channel])
-    corners += np.int32(down[left, channel]) + np.int32(down[right, channel])
-    sides = np.int32(up[column, channel]) + np.int32(down[column, channel])
-    sides += np.int32(here[left, channel]) + np.int32(here[right, channel])
-    return corner * np.float32(corners) + side * np.float32(sides) + middle * np.float32(here[column, channel])
+def _blur_row(
+    linear: UInt16[np.ndarray, "height width 3"],
+    row: int,
+    start: int,
+    end: int,
+    share: np.float32,
+    beside: Float32[np.ndarray, " padded"],
+    here: Float32[np.ndarray, " padded"],
+    blurred: Float32[np.ndarray, " number"],
+) -> None:
+    """Blur a row between two columns, number by number without branches, so that many are worked out at once."""
+    height, width, _ = linear.shape
+    up, down = linear[max(row - 1, 0)].reshape(-1), linear[min(row + 1, height - 1)].reshape(-1)
+    middle = linear[row].reshape(-1)
+    first, last = max(start - 1, 0), min(end + 1, width)
+    for i in range(3 * first, 3 * last):
+        beside[i + 3] = np.float32(np.int32(up[i]) + np.int32(down[i]))
+        here[i + 3] = np.float32(middle[i])
+    for k in range(3):  # beyond the first and the last column there are the same again
+        beside[k], here[k] = beside[k + 3], here[k + 3]
+        beside[3 * width + 3 + k], here[3 * width + 3 + k] = beside[3 * width + k], here[3 * width + k]
+    rest = _ONE - share - share
+    corner, side, center = share * share, share * rest, rest * rest
+    for i in range(3 * start, 3 * end):
+        sides = beside[i + 3] + here[i] + here[i + 6]
+        blurred[i] = corner * (beside[i] + beside[i + 6]) + side * sides + center * here[i + 3]
+
+
+@compiled
+def _received(
+    blurred: Float32[np.ndarray, " number"], row: int, column: int, optics: Float32[np.ndarray, "6"]
+) -> tuple[np.float32, np.float32, np.float32]:
+    """Return the light on a pixel of a blurred row: less towards the corners."""
+    x = (np.float32(column) - optics[2]) * optics[0]
+    y = (np.float32(row) - optics[3]) * optics[1]
+    light = _ONE / (_ONE + optics[5] * (x * x + y * y))
+    return blurred[3 * column] * light, blurred[3 * column + 1] * light, blurred[3 * column + 2] * light
 
 
 @compiled
@@ -226,17 +238,32 @@ def _expose_changed(
     image: UInt8[np.ndarray, "height width channel"],
 ) -> None:
     height, width, channels = image.shape
+    room = _rows(width)
     for row in range(height):
-        for column in range(width):
+        start, end = _changed_part(is_changed[row])
+        if start < end:
+            _blur_row(linear, row, start, end, optics[4], *room)
+        for column in range(start, end):
             if is_changed[row, column]:
                 place = starts[row] + column * channels
-                red, green, blue = _received(linear, row, column, optics)
+                red, green, blue = _received(room[2], row, column, optics)
                 if channels == 1:
                     image[row, column, 0] = _rounded(curves[0, _grey(red, green, blue)], samples[place])
                 else:
                     image[row, column, 0] = _rounded(curves[0, _index(red)], samples[place])
                     image[row, column, 1] = _rounded(curves[1, _index(green)], samples[place + 1])
                     image[row, column, 2] = _rounded(curves[2, _index(blue)], samples[place + 2])
+
+
+@compiled
+def _changed_part(is_changed: UInt8[np.ndarray, " width"]) -> tuple[int, int]:
+    """Return the first column that is changed and the one after the last."""
+    start, end = 0, len(is_changed)
+    while end > 0 and not is_changed[end - 1]:
+        end -= 1
+    while start < end and not is_changed[start]:
+        start += 1
+    return start, end
 
 
 @compiled

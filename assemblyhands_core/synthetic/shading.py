@@ -33,8 +33,9 @@ class Shaded:
 
     Attributes:
         positions_mm: A little off the surface.
-        terms: Linear light that each sends to the camera: from everywhere, then from each of the scene's lights.
-        is_facing: Which points each of the lights can reach, if nothing else blocks it.
+        terms: Linear light that each sends to the camera: from everywhere and from the lights that throw no shadows,
+            then from each of those that do.
+        is_facing: Which points each of these can reach, if nothing else blocks it.
     """
 
     positions_mm: Float32[np.ndarray, "point 3"]
@@ -45,11 +46,12 @@ class Shaded:
 def shade(scene: Scene, surfaces: Surfaces, camera: Camera, rays: Float32[np.ndarray, "point 3"], hits: Hits) -> Shaded:
     """Return how bright the points are where a camera's rays meet surfaces; every ray has to meet one."""
     center_mm, angle = camera.center_world_mm.astype(np.float32), np.float32(pixel_rad(camera))
-    rows = [(*light.position_mm, *light.intensity) for light in scene.lights]
+    lights = sorted(scene.lights, key=lambda light: not light.casts_shadow)  # those that throw shadows first
+    rows = [(*light.position_mm, *light.intensity) for light in lights]
     lamps, ambient = np.array(rows, np.float32).reshape(-1, 6), np.array(scene.ambient, np.float32)
     positions = np.empty((len(rays), 3), np.float32)
-    terms = np.empty((len(rays), 1 + len(lamps), 3), np.float32)
-    is_facing = np.empty((len(lamps), len(rays)), np.bool_)
+    terms = np.empty((len(rays), 1 + len(scene.shading_lights), 3), np.float32)
+    is_facing = np.empty((len(scene.shading_lights), len(rays)), np.bool_)
     for start in range(0, len(rays), _PORTION):
         part = slice(start, start + _PORTION)
         some = Hits(hits.faces[part], hits.weights[part], hits.distances_mm[part])
@@ -82,9 +84,10 @@ def _light_terms(
     is_facing: Bool[np.ndarray, "lamp any_point"],
     first: int,
 ) -> None:
-    """Find the light that points send to the camera, from everywhere first, and which lamps can reach them.
+    """Find the light that points send to the camera, and which lamps can reach them.
 
-    The points' terms and, from the first point on, which lamps they face are written.
+    The points' terms and, from the first point on, which lamps they face are written. What comes from lamps beyond
+    those that have a term of their own is added to the light from everywhere.
 
     Points are taken in batches whose numbers lie side by side in one small array, which the compiler turns into
     instructions on many points at once.
@@ -108,6 +111,9 @@ def _light_terms(
         _unload(batch, terms, start, count, 0)
         for lamp in range(len(lamps)):
             _light_from(batch, lamps[lamp])
+            if lamp >= len(is_facing):
+                _unload_more(batch, terms, start, count)
+                continue
             _unload(batch, terms, start, count, 1 + lamp)
             for j in range(count):
                 is_facing[lamp, first + start + j] = batch[j + 18 * _BATCH] > _ZERO
@@ -124,6 +130,15 @@ def _unload(
     for j in range(count):
         for k in range(3):
             terms[start + j, term, k] = batch[j + (15 + k) * _BATCH]
+
+
+@compiled
+def _unload_more(
+    batch: Float32[np.ndarray, " number"], terms: Float32[np.ndarray, "point term 3"], start: int, count: int
+) -> None:
+    for j in range(count):
+        for k in range(3):
+            terms[start + j, 0, k] += batch[j + (15 + k) * _BATCH]
 
 
 @compiled
@@ -202,7 +217,7 @@ def collect(
     Args:
         pixels: Flat indices.
         terms: From `shade`.
-        shares: Of each light that reaches the points.
+        shares: Of each light that throws shadows, what reaches the points.
         linear: See `WHITE`.
         direct: Each light's part of it, for as many as there is room.
     """

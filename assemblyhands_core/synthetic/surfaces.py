@@ -228,38 +228,39 @@ def _interpolate(
     count = len(rays)
     positions, normals = np.empty((count, 3), np.float32), np.empty((count, 3), np.float32)
     colors, places = np.empty((count, 3), np.float32), np.empty((count, 3), np.float32)
-    flat = np.empty(3, np.float32)
     for i in range(count):
         face = hit_faces[i]
         p, q, r = faces[face, 0], faces[face, 1], faces[face, 2]
         v, w = weights[i, 0], weights[i, 1]
         u = np.float32(1) - v - w
-        corners = corner_normals[face]
         for k in range(3):
-            flat[k] = u * vertices[p, k] + v * vertices[q, k] + w * vertices[r, k]
             colors[i, k] = u * albedo[p, k] + v * albedo[q, k] + w * albedo[r, k]
             places[i, k] = u * rest[p, k] + v * rest[q, k] + w * rest[r, k]
-            normals[i, k] = u * corners[0, k] + v * corners[1, k] + w * corners[2, k]
-        length = np.sqrt(normals[i, 0] ** 2 + normals[i, 1] ** 2 + normals[i, 2] ** 2)
-        side = np.float32(1)  # faces are seen from both sides
-        volume = np.float32(0)
-        for k in range(3):
-            m, n = (k + 1) % 3, (k + 2) % 3
-            along, across = vertices[q, m] - vertices[p, m], vertices[q, n] - vertices[p, n]
-            volume += rays[i, k] * (
-                along * (vertices[r, n] - vertices[p, n]) - across * (vertices[r, m] - vertices[p, m])
-            )
-        if volume > 0:
-            side = np.float32(-1)
-        for k in range(3):
-            normals[i, k] *= side / max(length, np.float32(1e-20))
-            positions[i, k] = flat[k] + np.float32(_LIFT_MM) * normals[i, k]
+        ax, ay, az = vertices[p, 0], vertices[p, 1], vertices[p, 2]
+        bx, by, bz = vertices[q, 0] - ax, vertices[q, 1] - ay, vertices[q, 2] - az
+        cx, cy, cz = vertices[r, 0] - ax, vertices[r, 1] - ay, vertices[r, 2] - az
+        volume = rays[i, 0] * (by * cz - bz * cy) + rays[i, 1] * (bz * cx - bx * cz) + rays[i, 2] * (bx * cy - by * cx)
+        side = np.float32(-1) if volume > 0 else np.float32(1)  # faces are seen from both sides
+        x, y, z = v * bx + w * cx, v * by + w * cy, v * bz + w * cz  # from the first corner
+        nx, ny, nz = np.float32(0), np.float32(0), np.float32(0)
+        rise_x, rise_y, rise_z = np.float32(0), np.float32(0), np.float32(0)
         for corner in range(3):
-            vertex, weight = faces[face, corner], (u if corner == 0 else (v if corner == 1 else w))
-            below = np.float32(0)
-            for k in range(3):
-                below += (flat[k] - vertices[vertex, k]) * corners[corner, k] * side
-            if below < 0:
-                for k in range(3):
-                    positions[i, k] -= weight * below * corners[corner, k] * side
+            weight = u if corner == 0 else (v if corner == 1 else w)
+            mx, my, mz = (
+                corner_normals[face, corner, 0],
+                corner_normals[face, corner, 1],
+                corner_normals[face, corner, 2],
+            )
+            nx, ny, nz = nx + weight * mx, ny + weight * my, nz + weight * mz
+            fx = x if corner == 0 else (x - bx if corner == 1 else x - cx)
+            fy = y if corner == 0 else (y - by if corner == 1 else y - cy)
+            fz = z if corner == 0 else (z - bz if corner == 1 else z - cz)
+            below = weight * min((fx * mx + fy * my + fz * mz) * side, np.float32(0)) * side
+            rise_x, rise_y, rise_z = rise_x - below * mx, rise_y - below * my, rise_z - below * mz
+        length = side / max(np.sqrt(nx * nx + ny * ny + nz * nz), np.float32(1e-20))
+        normals[i, 0], normals[i, 1], normals[i, 2] = nx * length, ny * length, nz * length
+        lift = np.float32(_LIFT_MM) * length
+        positions[i, 0] = ax + x + rise_x + lift * nx
+        positions[i, 1] = ay + y + rise_y + lift * ny
+        positions[i, 2] = az + z + rise_z + lift * nz
     return positions, normals, colors, places

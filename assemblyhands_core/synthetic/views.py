@@ -29,7 +29,7 @@ class View:
         ids: Object shown.
         distances_mm: Along the ray; `FAR_MM` where nothing is met.
         linear: The picture, see `shading.WHITE`; black outside the field of the lens.
-        direct: The part of each of the scene's lights in it, which a shadow takes away.
+        direct: The part in it of each of the lights that throw shadows, which these take away.
     """
 
     camera: Camera
@@ -70,7 +70,7 @@ class View:
         return self.lens.points(self.camera, pixels, self.distances_mm)
 
     def shadow_tiles(self, scene: Scene, light: int) -> Bool[np.ndarray, "row column"]:
-        """Return the tiles of the picture that the moving bodies of a scene may keep some of a light from."""
+        """Return the tiles that the moving bodies of a scene may keep some of a light from; it throws shadows."""
         shadows = scene.shadow_maps[light]
         if light not in self._spans:
             positions = self.positions_mm(tile_samples(self.distances_mm.shape))
@@ -93,7 +93,7 @@ class View:
 
 def static_view(scene: Scene, static: Surfaces, camera: Camera) -> View:
     """Return what a camera sees of the static bodies."""
-    view = View.empty(camera, len(scene.lights))
+    view = View.empty(camera, len(scene.shading_lights))
     pixels, hits = _look(view, scene, static)
     _light(view, scene, (static,), [_shaded(view, scene, static, pixels, hits)])
     return view
@@ -139,13 +139,12 @@ def _shaded(view: View, scene: Scene, surfaces: Surfaces, pixels: Int32[np.ndarr
 
 def _light(view: View, scene: Scene, blockers: tuple[Surfaces, ...], parts: list[Points]) -> None:
     """Put the light on all that a view shows."""
-    shares = [np.ones((len(scene.lights), len(pixels)), dtype=np.float32) for pixels, _ in parts]
-    for index, light in enumerate(scene.lights):
-        if light.casts_shadow:
-            lamp = LampView.empty(light, view.ids.shape)
-            for pixels, shaded in parts:
-                lamp.ask(blockers, pixels, shaded.positions_mm, shaded.is_facing[index])
-            for share, (pixels, shaded) in zip(shares, parts, strict=True):
-                share[index] = view.shares(lamp, pixels, shaded.is_facing[index])
+    shares = [np.empty((len(scene.shading_lights), len(pixels)), dtype=np.float32) for pixels, _ in parts]
+    for index, light in enumerate(scene.shading_lights):
+        lamp = LampView.empty(light, view.ids.shape)
+        for pixels, shaded in parts:
+            lamp.ask(blockers, pixels, shaded.positions_mm, shaded.is_facing[index])
+        for share, (pixels, shaded) in zip(shares, parts, strict=True):
+            share[index] = view.shares(lamp, pixels, shaded.is_facing[index])
     for share, (pixels, shaded) in zip(shares, parts, strict=True):
         collect(pixels, shaded.terms, share, view.linear, view.direct)
