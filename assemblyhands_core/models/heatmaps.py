@@ -103,13 +103,13 @@ def cross_entropy(
     is_valid: Bool[Tensor, "batch joint"],
 ) -> Float[Tensor, ""]:
     """Return the mean cross-entropy against `target_heatmaps` over valid joints that lie on the map; 0 without any."""
-    shape = heatmaps.shape[2:]
-    logits = heatmaps.flatten(2).float()
-    indices, weights = corner_weights(cells, tuple(shape))
-    entropies = logits.logsumexp(dim=-1) - (logits.gather(-1, indices) * weights).sum(dim=-1)
+    shape = tuple(heatmaps.shape[2:])
     limits = torch.tensor(shape, device=cells.device)
-    is_on_map = ((cells >= -0.5) & (cells <= limits - 0.5)).all(dim=-1)
-    return _masked_mean(entropies, is_valid & is_on_map)
+    is_counted = is_valid & ((cells >= -0.5) & (cells <= limits - 0.5)).all(dim=-1)
+    indices, weights = corner_weights(torch.where(is_counted[..., None], cells, 0), shape)  # NaN has no cell
+    logits = _precise(heatmaps).flatten(2)
+    entropies = logits.logsumexp(dim=-1) - (logits.gather(-1, indices) * weights).sum(dim=-1)
+    return _masked_mean(entropies, is_counted)
 
 
 def position_loss(
@@ -129,8 +129,11 @@ def _masked_mean(values: Float[Tensor, "batch joint"], is_counted: Bool[Tensor, 
 def _probabilities(
     heatmaps: Float[Tensor, "batch joint *cell"], temperature: float
 ) -> Float[Tensor, "batch joint *cell"]:
-    logits = heatmaps if heatmaps.dtype == torch.float64 else heatmaps.float()
-    return (logits.flatten(2) / temperature).softmax(dim=-1).view(heatmaps.shape)
+    return (_precise(heatmaps).flatten(2) / temperature).softmax(dim=-1).view(heatmaps.shape)
+
+
+def _precise(heatmaps: Float[Tensor, "batch joint *cell"]) -> Float[Tensor, "batch joint *cell"]:
+    return heatmaps if heatmaps.dtype == torch.float64 else heatmaps.float()  # bfloat16 cannot tell 100 cells apart
 
 
 def _mean_cell(probabilities: Float[Tensor, "batch joint *cell"]) -> Float[Tensor, "batch joint dim"]:

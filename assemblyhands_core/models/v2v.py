@@ -112,6 +112,7 @@ class ReferenceV2V(nn.Module):
             ConvolutionBlock(width, width, kernel=1),
         )
         self.output = nn.Conv3d(width, num_joints, 1)
+        self.to(memory_format=torch.channels_last_3d)  # type: ignore[call-overload]
 
     def forward(self, volume: Float[Tensor, "batch channel x y z"]) -> Float[Tensor, "batch joint x y z"]:
         """Return logits of the same size; sides must be a multiple of `divisor`."""

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 import torch
+from model_samples import ring_matrices
 
 from assemblyhands_core.geometry.volumes import cube_points_world_mm, unproject_features
 from assemblyhands_core.models.fused_unprojection import fused_unproject_features
 from assemblyhands_core.models.unprojection import fuse_views, scaled_matrices
-from model_samples import ring_matrices
 
 Case = tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor]
 
