@@ -1,0 +1,9 @@
+"""Networks in tests are tiny: one thread each, so that busy cores do not wait for one another."""
+
+import pytest
+import torch
+
+
+@pytest.fixture(autouse=True, scope="session")
+def one_thread() -> None:
+    torch.set_num_threads(1)
