@@ -16,7 +16,6 @@ from assemblyhands_core.data.digests import FileDigests
 from assemblyhands_core.data.store import Store
 from pipeline import summary
 from pipeline.config import RunConfig, UserError
-from pipeline.dag import STUDIO_TARGETS, TARGETS
 from pipeline.executors import open_executor, resolve_workers
 from pipeline.garbage import find_garbage
 from pipeline.history import History
@@ -51,7 +50,7 @@ def execute(command: str, config: RunConfig, command_line: str) -> int:
 
 def _recording_first(config: RunConfig) -> RunConfig | None:
     """Return the run that records what this one needs and what is not there yet, None if all is."""
-    absent = [] if config.target in STUDIO_TARGETS else absent_takes(config)
+    absent = [] if config.starts_in_studio else absent_takes(config)
     return config.model_copy(update={"target": "simulate", "seq": ",".join(absent), "run": ""}) if absent else None
 
 
@@ -78,7 +77,7 @@ def _run(config: RunConfig, console: Console, command_line: str) -> int:
     summary.print_audit(console, folder)
     summary.print_left_out(console, folder)
     summary.print_quality(console, folder)
-    summary.print_keypoints(console, [] if config.target in STUDIO_TARGETS else select_recordings(config))
+    summary.print_keypoints(console, [] if config.starts_in_studio else select_recordings(config))
     summary.print_times(console, found, started)
     _say(console, f"results: {folder}")
     if all(result.has_entry for result in found):
@@ -120,9 +119,9 @@ def _collect_garbage(config: RunConfig, console: Console) -> int:
 
 def _works(config: RunConfig, run: str) -> list[SequenceWork]:
     digests = FileDigests(config.workspace / "file-digests.json")
-    nodes = config.dag.upto(TARGETS.get(config.target, (config.target,)))
+    nodes = config.dag.upto(config.wanted_nodes)
     threads = resolve_workers(config.executor)[1]
-    sequences = select_takes(config) if config.target in STUDIO_TARGETS else select_recordings(config)
+    sequences = select_takes(config) if config.starts_in_studio else select_recordings(config)
     return [
         SequenceWork(config, sequence, sequence.source_rows(digests), nodes, _logs(config, run), threads)
         for sequence in sequences

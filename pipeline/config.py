@@ -65,6 +65,16 @@ class RunConfig(_Model):
         return self._dag
 
     @property
+    def wanted_nodes(self) -> tuple[str, ...]:
+        """Return the nodes that the target stands for."""
+        return TARGETS.get(self.target, (self.target,))
+
+    @property
+    def starts_in_studio(self) -> bool:
+        """Return whether the run starts from a manifest's orders instead of files."""
+        return self._dag.starts_in_studio(self.wanted_nodes)
+
+    @property
     def stages(self) -> Mapping[str, StageConfig]:
         """Return the checked parameters of every stage by its name."""
         return self._stages

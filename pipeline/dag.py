@@ -21,6 +21,8 @@ from stages import (
     plan_crops,
     preview_recording,
     script_take,
+    train_keypoints,
+    train_mvexonet,
     triangulate,
     undistort,
 )
@@ -89,6 +91,10 @@ class Dag:
                 wanted.update(node.upstream)
         return [node for node in self.nodes.values() if node.name in wanted]
 
+    def starts_in_studio(self, targets: tuple[str, ...]) -> bool:
+        """Tell whether targets start from a manifest's orders instead of files."""
+        return any(TAKE_EDGE in node.inputs.values() for node in self.upto(targets))
+
     def _chunk_edge(self, upstream: Mapping[str, str]) -> str:
         nodes = [self.nodes[name] for name in upstream]
         return next((f"{n.name}.{n.cut}" if n.cut else n.chunk_edge for n in nodes if n.cut or n.chunk_edge), "")
@@ -134,15 +140,16 @@ def _add_studio(dag: Dag) -> None:
         stand_in_bodies="film.stand_in_bodies",
         stand_in_hands="film.stand_in_hands",
     )
-    dag.add(
-        "preview", preview_recording.STAGE, takes=TAKE_EDGE, footage="film.footage", true_views="film.true_views"
-    )
+    dag.add("preview", preview_recording.STAGE, takes=TAKE_EDGE, footage="film.footage", true_views="film.true_views")
 
 
 def _add_training(dag: Dag) -> None:
     """Add how networks are trained on crops (paper, Sec. 3.1)."""
     dag.add("crop_plan", plan_crops.STAGE, takes=TAKE_EDGE)
     dag.add("training_crops", draw_crops.STAGE, takes=TAKE_EDGE, chunks="crop_plan.chunks")
+    crops = {"crops": "training_crops.crops", "labels": "training_crops.labels"}
+    dag.add("keypoint_weights", train_keypoints.STAGE, **crops)
+    dag.add("mvexonet_weights", train_mvexonet.STAGE, **crops, start="keypoint_weights.weights")
 
 
 def _add_annotation(dag: Dag) -> None:
@@ -196,8 +203,7 @@ TARGETS: Final[Mapping[str, tuple[str, ...]]] = {
     "doctor": ("audit",),
     "undistort": ("undistort",),
     "simulate": ("delivery", "preview"),
+    "train": ("keypoint_weights", "mvexonet_weights"),
 }
-STUDIO_TARGETS: Final = frozenset({"simulate", "script", "film", "delivery", "preview", "crop_plan", "training_crops"})
-"""What starts from a manifest's orders instead of files."""
-SIDE_TARGETS: Final = frozenset({"doctor", *STUDIO_TARGETS})
-"""What makes nothing that anyone would go on with in a notebook: the run `latest` stays another one."""
+LOOKING_TARGETS: Final = frozenset({"doctor"})
+"""They make nothing that anyone would go on with."""

@@ -3,6 +3,7 @@
 Everything that crosses a process boundary here is small: names, digests, counts. Tables stay in the store.
 """
 
+import shutil
 import time
 import traceback
 from collections.abc import Mapping, Sequence
@@ -132,13 +133,15 @@ def _compute(task: Task, upstream: Upstream, store: Store) -> Result:
     started = time.perf_counter()
     inputs = {role: _read_input(task, role, edge, upstream, store) for role, edge in task.node.inputs.items()}
     with store.draft(stage.name, key_parts(task, upstream)) as draft:
-        context = Context(draft.folder, task.shard.sequence_id, task.num_threads)
+        scratch = task.workspace / "scratch" / f"{stage.name}-{draft.key[:16]}"
+        context = Context(draft.folder, task.shard.sequence_id, task.num_threads, scratch)
         with shard_log(task.log):
             tables = stage.run(task.config, inputs, context)
         if set(tables) != set(stage.outputs):
             raise ValueError(f"stage {stage.name} returned {sorted(tables)} instead of {sorted(stage.outputs)}")
         checked = {name: (spec, tables[name]) for name, spec in stage.outputs.items()}
         record = draft.write(checked, time.perf_counter() - started)
+    shutil.rmtree(scratch, ignore_errors=True)
     return _result(task, "done", record)
 
 

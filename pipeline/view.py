@@ -16,7 +16,7 @@ from typing import Any
 from assemblyhands_core.data.digests import digest_json
 from assemblyhands_core.data.store import Store
 from pipeline.config import RunConfig
-from pipeline.dag import SIDE_TARGETS, Node
+from pipeline.dag import LOOKING_TARGETS, Node
 from pipeline.tasks import Result
 
 _LATEST = "latest"
@@ -24,7 +24,7 @@ _REPOSITORY = Path(__file__).resolve().parents[1]
 
 
 def write_view(config: RunConfig, run: str, results: Sequence[Result], command: str) -> Path:
-    """Write a run's folder whole, point ``latest`` to it unless it is a side target's, and return it."""
+    """Write a run's folder whole, point ``latest`` to it unless it only looked or recorded, and return it."""
     runs = config.workspace / "runs"
     draft = runs / f".{run}-{os.getpid()}"
     shutil.rmtree(draft, ignore_errors=True)
@@ -37,7 +37,7 @@ def write_view(config: RunConfig, run: str, results: Sequence[Result], command: 
     folder = runs / run
     shutil.rmtree(folder, ignore_errors=True)
     draft.rename(folder)
-    if config.target not in SIDE_TARGETS:
+    if config.target not in LOOKING_TARGETS and not config.starts_in_studio:
         _point(runs / _LATEST, run)
     return folder
 

@@ -40,11 +40,14 @@ class Context:
         blob_dir: folder for files that belong to the result; rows refer to them by name.
         sequence_id: the shard's sequence.
         num_threads: threads that the stage may use.
+        scratch_dir: folder of this very computation that outlives a kill, for what lets a long one go on; the engine
+            removes it when the result is there.
     """
 
     blob_dir: Path
     sequence_id: str
     num_threads: int = 1
+    scratch_dir: Path = Path("scratch")
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ from stages._contract import Context, Stage, StageConfig, Tables
 FIRST_SUBJECT: Final = {"train": 2000, "val": 3000, "test": 4000}
 """Persons by split; no recording of the manifests has a participant of these numbers."""
 _VIEW_STREAM: Final = 0x71E5
-_NUM_SUBJECTS: Final = {"train": 400, "val": 40, "test": 40}
+_NUM_SUBJECTS: Final = 1000
 
 
 class DrawCropsConfig(StageConfig):
@@ -58,7 +58,7 @@ def run(config: DrawCropsConfig, inputs: Tables, context: Context) -> Tables:
 
 
 def _take(order: dict[str, Any], chunk: dict[str, Any]) -> TrainingTake:
-    subject = FIRST_SUBJECT[order["split"]] + chunk["chunk"] % _NUM_SUBJECTS[order["split"]]
+    subject = FIRST_SUBJECT[order["split"]] + chunk["chunk"] % _NUM_SUBJECTS
     return draw_training_take(subject, chunk["chunk"], order["rig"], num_instants=chunk["num_frames"])
 
 

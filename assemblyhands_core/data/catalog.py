@@ -203,6 +203,20 @@ RESIDUALS: Final = TableSpec(
         ]
     ),
 )
+WEIGHTS: Final = TableSpec(
+    "weights",
+    1,
+    ("sequence_id", "network"),
+    pa.schema(
+        [*_SEQUENCE, ("network", _TEXT), ("weights_file", _TEXT), ("sha256", _TEXT), ("card", _TEXT)]  # card: JSON
+    ),
+)
+TRAINING_CURVE: Final = TableSpec(
+    "training_curve",
+    1,
+    ("sequence_id", "step"),
+    pa.schema([*_SEQUENCE, ("step", pa.int64()), ("loss", pa.float64()), ("error", pa.float64())]),
+)
 QUALITY: Final = TableSpec(
     "quality",
     1,

@@ -1,0 +1,241 @@
+"""The training loop that all networks share: resumable to the step, the best weights kept, curves logged.
+
+An epoch is a fixed number of steps over samples drawn anew. Everything random follows from seed and epoch, and state is
+saved at the end of each epoch, so that a run that was killed goes on to the weights of one that was not (on a CPU).
+"""
+
+import importlib.util
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final, Protocol
+
+import lightning.pytorch as pl
+import numpy as np
+import torch
+from lightning.pytorch.callbacks import ModelCheckpoint
+from lightning.pytorch.loggers import CSVLogger, Logger, TensorBoardLogger
+from torch import Tensor, nn
+from torch.utils.data import DataLoader, Dataset
+
+_WARM_UP_STEPS: Final = 60
+_LAST: Final = "last.ckpt"
+
+Batch = Mapping[str, Tensor]
+
+
+class EpochData(Protocol):
+    """A map-style data set whose samples differ from epoch to epoch."""
+
+    def set_epoch(self, epoch: int) -> None:
+        """Draw other variations from now on."""
+
+    def __len__(self) -> int:
+        """Return how many samples there are."""
+
+    def __getitem__(self, index: int) -> Mapping[str, Any]:
+        """Return a sample."""
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """How long and how fast a network is trained.
+
+    Attributes:
+        num_epochs: How many times weights are saved and judged.
+        steps_per_epoch: Steps of the optimiser between.
+        batch_size: Samples in a step.
+        learning_rate: The highest; a short warm-up leads to it and a cosine to zero.
+        weight_decay: Of AdamW.
+        max_gradient: Longer gradients are shortened.
+        num_loaders: Processes that make samples; 0 makes them in this one.
+        seed: Of order and variations.
+        devices: How many GPUs, -1 for all there are; without any the CPU is used.
+    """
+
+    num_epochs: int
+    steps_per_epoch: int
+    batch_size: int
+    learning_rate: float
+    weight_decay: float
+    max_gradient: float
+    num_loaders: int
+    seed: int
+    devices: int = -1
+
+    @property
+    def num_steps(self) -> int:
+        """Return the steps of the whole training."""
+        return self.num_epochs * self.steps_per_epoch
+
+
+@dataclass(frozen=True)
+class Point:
+    """How training stood at the end of an epoch: mean loss of its steps, error on the samples held out."""
+
+    step: int
+    loss: float
+    error: float
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """What training gave.
+
+    Attributes:
+        curve: One point an epoch.
+        best: The point with the least error, whose weights the network now has.
+    """
+
+    curve: tuple[Point, ...]
+    best: Point
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """What a network is to learn.
+
+    Attributes:
+        network: It, with the weights to start from; trained in place.
+        loss: Of a batch.
+        error: Of a batch, in the unit that people look at (mm, px): mean, and number of joints it is the mean of.
+        training: Samples to learn from.
+        held_out: Samples to judge by; their epoch never changes.
+    """
+
+    network: nn.Module
+    loss: Callable[[Batch], Tensor]
+    error: Callable[[Batch], tuple[Tensor, Tensor]]
+    training: EpochData
+    held_out: EpochData
+
+
+def train(task: Task, schedule: Schedule, folder: Path, num_threads: int) -> Outcome:
+    """Train a network, going on from what an earlier call with the same arguments left in the folder.
+
+    Args:
+        task: What is learnt.
+        schedule: How long and how fast.
+        folder: Where state and logs are kept.
+        num_threads: Of the CPU.
+
+    Raises:
+        ValueError: There is nothing to learn from or to judge by.
+    """
+    if not len(task.training) or not len(task.held_out):
+        counts = f"{len(task.training)} samples to learn from and {len(task.held_out)} held out"
+        raise ValueError(f"training has {counts}: there have to be some of both")
+    torch.set_num_threads(num_threads)
+    folder.mkdir(parents=True, exist_ok=True)
+    module = _Module(task, schedule)
+    is_gpu = torch.cuda.is_available()
+    checkpoints = ModelCheckpoint(folder, monitor="error", mode="min", save_last=True, filename="best")
+    trainer = pl.Trainer(
+        max_epochs=schedule.num_epochs,
+        accelerator="auto",
+        devices=schedule.devices if is_gpu else 1,
+        precision="bf16-mixed" if is_gpu else "32-true",
+        gradient_clip_val=schedule.max_gradient,
+        reload_dataloaders_every_n_epochs=1,
+        num_sanity_val_steps=0,
+        enable_progress_bar=False,
+        enable_model_summary=False,
+        log_every_n_steps=20,
+        callbacks=[checkpoints],
+        logger=_loggers(folder),
+    )
+    last = folder / _LAST
+    trainer.fit(module, ckpt_path=last if last.is_file() else None)
+    best = torch.load(checkpoints.best_model_path, map_location="cpu", weights_only=True)["state_dict"]
+    task.network.load_state_dict({name.removeprefix("network."): value for name, value in best.items()})
+    return Outcome(tuple(module.curve), min(module.curve, key=lambda point: point.error))
+
+
+def _loggers(folder: Path) -> list[Logger]:
+    loggers: list[Logger] = [CSVLogger(folder, name="", version="csv")]
+    if importlib.util.find_spec("tensorboard") is not None:
+        loggers.append(TensorBoardLogger(folder, name="", version="tensorboard"))
+    return loggers
+
+
+class _Module(pl.LightningModule):
+    """The task as lightning wants it."""
+
+    def __init__(self, task: Task, schedule: Schedule) -> None:
+        super().__init__()
+        self.network, self.task, self.schedule = task.network, task, schedule
+        self.curve: list[Point] = []
+        self._losses: list[float] = []
+        self._errors: list[tuple[float, float]] = []
+
+    def training_step(self, batch: Batch, _: int) -> Tensor:
+        loss = self.task.loss(batch)
+        self._losses.append(float(loss.detach()))
+        self.log("loss", loss.detach())
+        return loss
+
+    def validation_step(self, batch: Batch, _: int) -> None:
+        mean, count = self.task.error(batch)
+        self._errors.append((float(mean) * float(count), float(count)))
+
+    def on_validation_epoch_end(self) -> None:
+        total, count = np.array(self._errors).sum(axis=0)
+        loss = float(np.mean(self._losses)) if self._losses else float("nan")
+        self.curve.append(Point(self.global_step, loss, float(total / count)))
+        self.log("error", float(total / count))
+        self._losses, self._errors = [], []
+
+    def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
+        checkpoint["curve"] = [vars(point) for point in self.curve]
+
+    def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
+        self.curve = [Point(**point) for point in checkpoint["curve"]]
+
+    def configure_optimizers(self) -> Any:
+        schedule = self.schedule
+        optimizer = torch.optim.AdamW(
+            self.network.parameters(), lr=schedule.learning_rate, weight_decay=schedule.weight_decay
+        )
+        warm_up = min(_WARM_UP_STEPS, schedule.num_steps // 10)
+
+        def factor(step: int) -> float:
+            if step < warm_up:
+                return (step + 1) / warm_up
+            done = (step - warm_up) / max(schedule.num_steps - warm_up, 1)
+            return 0.5 * (1 + float(np.cos(np.pi * min(done, 1.0))))
+
+        scheduler = torch.optim.lr_scheduler.LambdaLR(optimizer, factor)
+        return {"optimizer": optimizer, "lr_scheduler": {"scheduler": scheduler, "interval": "step"}}
+
+    def train_dataloader(self) -> DataLoader[Any]:
+        schedule, data = self.schedule, self.task.training
+        data.set_epoch(self.current_epoch)
+        rng = np.random.default_rng([schedule.seed, self.current_epoch])
+        wanted = schedule.steps_per_epoch * schedule.batch_size
+        rounds = [rng.permutation(len(data)) for _ in range(-(-wanted // len(data)))]
+        return self._loader(data, np.concatenate(rounds)[:wanted].tolist())
+
+    def val_dataloader(self) -> DataLoader[Any]:
+        return self._loader(self.task.held_out, list(range(len(self.task.held_out))))
+
+    def _loader(self, data: EpochData, order: list[int]) -> DataLoader[Any]:
+        return DataLoader(
+            _Plain(data),
+            batch_size=self.schedule.batch_size,
+            sampler=order,
+            num_workers=self.schedule.num_loaders,
+            pin_memory=torch.cuda.is_available(),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class _Plain(Dataset[Mapping[str, Any]]):
+    """Samples as torch takes them."""
+
+    data: EpochData = field()
+
+    def __len__(self) -> int:
+        return len(self.data)
+
+    def __getitem__(self, index: int) -> Mapping[str, Any]:
+        return self.data[index]

@@ -1,0 +1,134 @@
+"""What every stage that trains a network shares: its parameters, what is held out, and what it leaves behind."""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.compute as pc
+import torch
+from pydantic import Field
+from torch import Tensor
+
+from assemblyhands_core.data.arrays import to_numpy
+from assemblyhands_core.data.catalog import TRAINING_CURVE, WEIGHTS
+from assemblyhands_core.data.digests import digest_file
+from assemblyhands_core.models.hand_dataset import Augmentation, HandCrops
+from assemblyhands_core.models.hand_keypoints import HandKeypointNet
+from assemblyhands_core.models.mvexonet import MVExoNet
+from assemblyhands_core.models.pretrained import save_weights
+from assemblyhands_core.models.training import Outcome, Schedule, Task, train
+from stages._contract import Context, StageConfig, Tables
+
+
+class AugmentationConfig(StageConfig):
+    """How training crops differ from the plain ones, see `hand_dataset.Augmentation`."""
+
+    gamma: float = Field(ge=1, le=6)
+    gamma_spread: float = Field(ge=0, le=1)
+    center_spread: float = Field(ge=0, le=0.5)
+    turn_deg: float = Field(ge=0, le=180)
+    root_mm: float = Field(ge=0, le=100)
+    min_views: int = Field(ge=1)
+    max_views: int = Field(ge=1)
+    gain_spread: float = Field(ge=0, le=1)
+    brightness_spread: float = Field(ge=0, le=1)
+
+    def augmentation(self) -> Augmentation:
+        """Return it as the data set takes it."""
+        return Augmentation(**self.model_dump())
+
+    def judging(self) -> Augmentation:
+        """Return what samples that are held out are seen through: the mean box, all views, true colours."""
+        plain = dict.fromkeys(("gamma_spread", "turn_deg", "gain_spread", "brightness_spread"), 0.0)
+        return Augmentation(**{**self.model_dump(), **plain, "min_views": self.max_views})
+
+
+class TrainingConfig(StageConfig):
+    """Parameters of training, see `models.training.Schedule`."""
+
+    augmentation: AugmentationConfig
+    held_out_share: float = Field(gt=0, lt=1)
+    max_held_out: int = Field(ge=1)
+    num_epochs: int = Field(ge=1)
+    steps_per_epoch: int = Field(ge=1)
+    batch_size: int = Field(ge=1)
+    learning_rate: float = Field(gt=0)
+    weight_decay: float = Field(ge=0)
+    max_gradient: float = Field(gt=0)
+    num_loaders: int = Field(ge=0)
+    seed: int = Field(ge=0)
+    devices: int = Field(ge=-1)
+
+    def schedule(self) -> Schedule:
+        """Return it as the training loop takes it."""
+        names = ("num_epochs", "steps_per_epoch", "batch_size", "learning_rate", "weight_decay", "max_gradient")
+        return Schedule(**{name: getattr(self, name) for name in (*names, "num_loaders", "seed", "devices")})
+
+
+def data_sets(config: TrainingConfig, inputs: Tables, size_px: int) -> tuple[HandCrops, HandCrops]:
+    """Return what is learnt from and what is held out: the last share of a set's frames, so of other takes."""
+    frames = to_numpy(inputs["labels"]["frame"])
+    first_held_out = int(sorted(frames.tolist())[min(int((1 - config.held_out_share) * len(frames)), len(frames) - 1)])
+
+    def part(condition: Any, augmentation: Augmentation) -> HandCrops:
+        crops, labels = (inputs[name].filter(condition) for name in ("crops", "labels"))
+        return HandCrops.of(crops, labels, augmentation, size_px, config.seed)
+
+    frame = pc.field("frame")
+    training = part(frame < first_held_out, config.augmentation.augmentation())
+    held_out = part(frame >= first_held_out, config.augmentation.judging())
+    return training, held_out.spread(config.max_held_out)
+
+
+def tensors(batch: Mapping[str, Tensor]) -> dict[str, Tensor]:
+    """Return a batch with pictures as networks take them, RGB in [0, 1], channels first."""
+    images = batch["images"].movedim(-1, -3).float() / 255.0
+    return {**batch, "images": images}
+
+
+def fitted(
+    network: MVExoNet | HandKeypointNet,
+    task: Task,
+    config: TrainingConfig,
+    context: Context,
+    card: Mapping[str, Any],
+    unit: str,
+) -> Tables:
+    """Train, and return the tables of a stage that trains: weights with their card, and the curve."""
+    outcome = train(task, config.schedule(), context.scratch_dir, context.num_threads)
+    path = context.blob_dir / "weights.safetensors"
+    written = {
+        **card,
+        "sequence": context.sequence_id,
+        "samples": len(task.training),
+        "held_out": len(task.held_out),
+        "steps": outcome.best.step,
+        f"error_{unit}": round(outcome.best.error, 4),
+        "training": config.model_dump(mode="json"),
+    }
+    save_weights(path, network, {name: _text(value) for name, value in written.items()})
+    row = {"sequence_id": context.sequence_id, "network": type(network).__name__, "weights_file": path.name}
+    weights = WEIGHTS.from_rows([{**row, "sha256": digest_file(path), "card": json.dumps(written, sort_keys=True)}])
+    return {"weights": weights, "curve": _curve(outcome, context)}
+
+
+def weights_file(table: pa.Table) -> Path:
+    """Return the one weights file of a table."""
+    (path,) = table["weights_file"].to_pylist()
+    return Path(path)
+
+
+def mean_distance(found: Tensor, true: Tensor, is_valid: Tensor) -> tuple[Tensor, Tensor]:
+    """Return the mean distance of valid joints, and how many they are."""
+    distances = torch.linalg.vector_norm(found - true, dim=-1)
+    return distances[is_valid].mean() if is_valid.any() else distances.new_zeros(()), is_valid.sum()
+
+
+def _curve(outcome: Outcome, context: Context) -> pa.Table:
+    return TRAINING_CURVE.from_rows([{"sequence_id": context.sequence_id, **vars(point)} for point in outcome.curve])
+
+
+def _text(value: Any) -> str:
+    return value if isinstance(value, str) else json.dumps(value, sort_keys=True)
