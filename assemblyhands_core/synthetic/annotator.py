@@ -17,8 +17,13 @@ from assemblyhands_core.data.assemblyhands import KEY_RATE_HZ, JointAnnotations
 from assemblyhands_core.data.names import ego_serial
 from assemblyhands_core.hands.joints import HANDS, NUM_JOINTS
 
-JOINT_NOISE_MM: Final = np.array([*[2.5, 2.0, 2.0, 2.0] * 5, 3.0])
-"""Standard deviation along each axis of a joint that many pictures show: tips and wrists have no clear centre."""
+JOINT_NOISE_MM: Final = np.array([*[2.0, 1.5, 1.5, 1.5] * 5, 2.0])
+"""Standard deviation along each axis of a joint that `ENOUGH_VIEWS` show: one to two pixels of a click, seen from 1 m
+through 1250 px of focal length by several views, and the joint's centre under the skin guessed; tips and wrists have no
+landmark on the skin."""
+
+ENOUGH_VIEWS: Final = 6
+"""More views make a label no better: what stays is where annotators believe the joint to be."""
 
 MIN_VIEWS: Final = 2
 """A joint that fewer exocentric pictures show is not annotated."""
@@ -28,8 +33,9 @@ _STREAM: Final = 0xA770
 
 
 def noise_mm(num_views: Int64[np.ndarray, "*hand joint=21"]) -> Float64[np.ndarray, "*hand joint=21"]:
-    """Return the standard deviation of a joint's coordinates by how many pictures show it; at most twice the least."""
-    return np.asarray(JOINT_NOISE_MM * np.sqrt(1.0 + 6.0 / np.maximum(num_views, MIN_VIEWS)))
+    """Return the standard deviation of a joint's coordinates, along each axis, by how many pictures show it."""
+    views = np.clip(num_views, MIN_VIEWS, ENOUGH_VIEWS)
+    return np.asarray(JOINT_NOISE_MM * np.sqrt(ENOUGH_VIEWS / views))
 
 
 def annotate(recording: str, joints: pa.Table, views: pa.Table, frames: Iterable[int]) -> JointAnnotations:

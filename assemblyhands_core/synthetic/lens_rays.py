@@ -83,7 +83,9 @@ _build_once = lru_cache(_LENSES_KEPT)(_build)
 def _nodes(camera: Camera, step: int) -> Float64[np.ndarray, "row column 3"]:
     x, y = (_ORIGIN_PX + np.arange(0, size + 2 * step, step) for size in (camera.width_px, camera.height_px))
     rays = camera.unproject_camera(np.stack(np.meshgrid(x, y), axis=-1))
-    return rays / rays[..., 2:] if np.nanmin(rays[..., 2]) > _MIN_DEPTH else rays
+    # A pinhole is linear in x/z and y/z only, however far its nodes lie off the axis (oblique crops of a fisheye).
+    is_flat = isinstance(camera.lens, Pinhole) or np.nanmin(rays[..., 2]) > _MIN_DEPTH
+    return rays / rays[..., 2:] if is_flat else rays
 
 
 def _largest_difference(

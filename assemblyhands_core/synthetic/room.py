@@ -107,13 +107,14 @@ def _walls(rng: np.random.Generator) -> list[Body]:
         _slab("wall", ROOM_ID, (-2500, 2900), (low, high), (-2850, -2800), wall, stain),
         _slab("wall", ROOM_ID, (-2500, 2900), (low, high), (2900, 2950), wall, stain),
     ]
-    for _ in range(9):
+    for index in range(9):
         along, width, height = (
             float(rng.uniform(-1900, 1900)),
             float(rng.uniform(250, 700)),
             float(rng.uniform(200, 800)),
         )
         y, depth = float(rng.uniform(-150, 900)), float(rng.choice([15.0, 15.0, 260.0]))
+        depth += 2.0 * index  # no two in one plane
         color = _POSTERS[int(rng.integers(len(_POSTERS)))]
         pattern = Texture("mottle", (0.6, 0.6, 0.55), 60.0, 0.8, int(rng.integers(1, 1000)))
         spans = [(along, along + width), (y, y + height)]

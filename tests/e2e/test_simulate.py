@@ -103,7 +103,7 @@ def test_labels_are_the_truth_with_an_annotators_noise(recorded: Recorded, sessi
     assert labels.frames_60hz.tolist() == [0]
     errors = labels.joints_world_mm[0] - session.take.state_at(0.0).joints_world_mm.reshape(2, 21, 3)
     assert labels.is_valid.mean() > 0.6
-    assert 1.5 < np.nanstd(errors) < 6.0
+    assert 1.0 < np.nanstd(errors) < 4.0
     segments = read_fine_grained(recorded.layout.fine_grained("test", 30)).segments
     assert [s.start_frame for s in segments] == [round(s.start_s * 30) for s in session.take.segments]
 

@@ -47,17 +47,17 @@ def test_verbs_are_as_frequent_as_designed(monkeypatch: pytest.MonkeyPatch) -> N
         bench = write_script(Subject.from_seed(seed), draw_set("assembly", rng), rng, 60.0)
         counts.update(segment.verb for segment in bench.segments)
     share = {verb: counts[verb] / counts.total() for verb in VERBS}
-    designed = {"pick up": 0.31, "position": 0.21, "put down": 0.20, "remove": 0.12, "screw": 0.10, "unscrew": 0.07}
+    designed = {"pick up": 0.35, "position": 0.18, "put down": 0.20, "remove": 0.09, "screw": 0.09, "unscrew": 0.09}
     assert share == pytest.approx(designed, abs=0.03)
-    assert share["pick up"] > share["position"] > share["put down"] - 0.03
-    assert share["put down"] > share["remove"] > share["screw"] - 0.03 and share["screw"] > share["unscrew"]
+    frequent, rare = [share["position"], share["put down"]], [share["remove"], share["screw"], share["unscrew"]]
+    assert share["pick up"] > max(frequent) and min(frequent) > max(rare)
     # What is taken is put somewhere; at the end of each take at most one part per hand is still held.
     assert abs(counts["pick up"] + counts["remove"] - counts["position"] - counts["put down"]) <= 50 * 2
 
 
-def test_screwing_lasts_and_the_rest_takes_a_second(take: Take, screwing_take: Take) -> None:
+def test_screwing_lasts_and_the_rest_takes_a_second(take: Take, screwing_take: Take, desk_take: Take) -> None:
     lasting: dict[str, list[float]] = {verb: [] for verb in VERBS}
-    for segment in (*take.segments, *screwing_take.segments):
+    for segment in (*take.segments, *screwing_take.segments, *desk_take.segments):
         lasting[segment.verb].append(segment.end_s - segment.start_s)
     assert {verb for verb, times in lasting.items() if times} == set(VERBS)
     assert min(lasting["screw"] + lasting["unscrew"]) > 1.5

@@ -34,13 +34,14 @@ def labels(num_seeing: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def test_noise_is_as_stated() -> None:
-    assert noise_mm(np.array([[2] * 21]))[0] == pytest.approx(2 * JOINT_NOISE_MM)
-    assert noise_mm(np.array([[6] * 21]))[0] == pytest.approx(np.sqrt(2) * JOINT_NOISE_MM)
+    assert noise_mm(np.array([[8] * 21]))[0] == pytest.approx(JOINT_NOISE_MM)
+    assert noise_mm(np.array([[3] * 21]))[0] == pytest.approx(np.sqrt(2) * JOINT_NOISE_MM)
+    assert noise_mm(np.array([[0] * 21]))[0] == pytest.approx(np.sqrt(3) * JOINT_NOISE_MM)
     frames, errors, valid = labels(3)
     assert frames.tolist() == list(range(0, 2 * NUM_FRAMES, 2))
     assert valid[..., :20].all() and not valid[..., 20].any() and np.isnan(errors[..., 20, :]).all()
     spread = errors[..., :20, :].std(axis=(0, 1, 3))
-    assert spread == pytest.approx(np.sqrt(3) * JOINT_NOISE_MM[:20], rel=0.15)
+    assert spread == pytest.approx(np.sqrt(2) * JOINT_NOISE_MM[:20], rel=0.15)
 
 
 def test_what_a_single_exocentric_view_shows_is_left_out() -> None:

@@ -179,7 +179,6 @@ def test_a_window_that_shows_nothing_of_the_picture_is_not_valid(studio: CropStu
     assert views.is_visible[1:].any()  # the hand is in these pictures nevertheless
 
 
-@pytest.mark.xfail(reason="LensRays interpolates unit rays where nodes of a pinhole lie more than 84° off its axis")
 def test_oblique_crops_of_the_headset_show_the_hand_too(take: Take) -> None:
     rig = assembly_rig(1)
     studio = CropStudio.of(take, rig, SENSOR_SEED, list(rig.ego)[:2])
