@@ -9,6 +9,7 @@ is needed; results do not depend on the number of threads. Values and gradients 
 
 import inspect
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any, Final, ParamSpec, TypeVar, cast
 
 import numba
@@ -26,17 +27,16 @@ _FORWARD_CHUNKS: Final = 64  # of voxels, over all items of a batch: enough for 
 _BACKWARD_CHUNKS: Final = 8  # fewer, as each sums gradients of its own
 
 
-def _compiled(parallel: bool) -> Callable[[Callable[Arguments, Result]], Callable[Arguments, Result]]:
+def _compiled(inline: bool) -> Callable[[Callable[Arguments, Result]], Callable[Arguments, Result]]:
     """Compile; sums may be reordered to use vector units, but NaN stays NaN, so that divergence shows.
 
-    What the parallel loops call is inlined: only then does the compiler see that scratch arrays never overlap (3 ×).
+    What a loop calls is to be inlined: only then does the compiler see that scratch arrays never overlap (3 ×).
     """
 
     def decorate(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
         plain = inspect.unwrap(function)  # tests wrap functions in checks of types, which numba cannot compile
         options = {"nogil": True, "cache": True, "error_model": "numpy", "fastmath": {"contract", "reassoc", "nsz"}}
-        inline = "never" if parallel else "always"
-        return cast(Callable[Arguments, Result], numba.njit(plain, parallel=parallel, inline=inline, **options))
+        return cast(Callable[Arguments, Result], numba.njit(plain, inline="always" if inline else "never", **options))
 
     return decorate
 
@@ -60,25 +60,49 @@ class _FusedUnprojection(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, features: Tensor, P: Tensor, points: Tensor, used: Tensor) -> Tensor:
         ctx.save_for_backward(features, P, points, used)
-        arrays = _arrays(features, P, points, used)
-        batch, num_points, channels = *arrays[2].shape[:2], arrays[0].shape[-1]
-        fused = np.empty((batch, num_points, channels), arrays[0].dtype)
-        _use_torch_threads()
-        _fuse_all(*arrays, fused, max(1, _FORWARD_CHUNKS // batch))
-        volume = torch.from_numpy(fused).view(*points.shape[:4], channels).permute(0, 4, 1, 2, 3)
+        maps, matrices, points_mm, is_used = _arrays(features, P, points, used)
+        fused = np.empty((*points_mm.shape[:2], maps.shape[-1]), maps.dtype)
+
+        def fuse(item: int, _: int, part: slice) -> None:
+            _fuse(maps[item], matrices[item], points_mm[item, part], is_used[item], fused[item, part])
+
+        _in_threads(fuse, _parts(len(fused), fused.shape[1], _FORWARD_CHUNKS))
+        volume = torch.from_numpy(fused).view(*points.shape[:4], -1).permute(0, 4, 1, 2, 3)
         return volume.to(features.dtype)
 
     @staticmethod
     def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor, None, None, None]:
         features, P, points, used = ctx.saved_tensors
-        arrays = _arrays(features, P, points, used)
-        batch, chunks = len(features), max(1, _BACKWARD_CHUNKS // len(features))
+        maps, matrices, points_mm, is_used = _arrays(features, P, points, used)
         upstream = _as_array(gradients[0].permute(0, 2, 3, 4, 1).flatten(1, 3))
-        sums = np.zeros((batch, chunks, *arrays[0].shape[1:]), arrays[0].dtype)
-        _use_torch_threads()
-        _differentiate_all(*arrays, upstream, sums)
-        gradient = torch.from_numpy(sums).sum(dim=1) if chunks > 1 else torch.from_numpy(sums[:, 0])
+        parts = _parts(len(upstream), upstream.shape[1], _BACKWARD_CHUNKS)
+        sums = np.zeros((len(maps), len(parts) // len(maps), *maps.shape[1:]), maps.dtype)
+
+        def differentiate(item: int, chunk: int, part: slice) -> None:
+            sources = maps[item], matrices[item], points_mm[item, part], is_used[item], upstream[item, part]
+            _differentiate(*sources, sums[item, chunk])
+
+        _in_threads(differentiate, parts)
+        gradient = torch.from_numpy(sums).sum(dim=1)
         return gradient.permute(0, 1, 4, 2, 3).to(features.dtype), None, None, None
+
+
+def _parts(batch: int, num_points: int, num_parts: int) -> list[tuple[int, int, slice]]:
+    """Return item, chunk and points of about so many parts; how many threads there are does not enter."""
+    chunks = max(1, num_parts // batch)
+    size = -(-num_points // chunks)
+    return [(item, chunk, slice(chunk * size, (chunk + 1) * size)) for item in range(batch) for chunk in range(chunks)]
+
+
+def _in_threads(work: Callable[[int, int, slice], None], parts: list[tuple[int, int, slice]]) -> None:
+    """Work on parts in as many threads as torch has.
+
+    These are Python's threads and not numba's parallel loops: those bring a second OpenMP beside torch's, after which
+    every small operation of torch was seen to take a hundred times as long on a machine with other work.
+    """
+    with ThreadPoolExecutor(torch.get_num_threads()) as threads:
+        for done in [threads.submit(work, *part) for part in parts]:
+            done.result()
 
 
 def _arrays(
@@ -94,11 +118,7 @@ def _as_array(tensor: Tensor) -> np.ndarray:
     return tensor.detach().to(dtype).contiguous().numpy()
 
 
-def _use_torch_threads() -> None:
-    numba.set_num_threads(min(torch.get_num_threads(), numba.config.NUMBA_NUM_THREADS))
-
-
-@_compiled(parallel=False)
+@_compiled(inline=True)
 def _sample_views(
     features: Float[np.ndarray, "view height width channel"],
     P: Float[np.ndarray, "view 3 4"],
@@ -137,7 +157,7 @@ def _sample_views(
     return count
 
 
-@_compiled(parallel=False)
+@_compiled(inline=True)
 def _exponentials(
     values: Float[np.ndarray, " channel"],
     peaks: Float[np.ndarray, " channel"],
@@ -161,7 +181,7 @@ def _exponentials(
         results[c] *= powers[c]
 
 
-@_compiled(parallel=False)
+@_compiled(inline=True)
 def _weigh(
     samples: Float[np.ndarray, "view channel"],
     count: int,
@@ -192,7 +212,7 @@ def _weigh(
         mean[c] /= total[c]
 
 
-@_compiled(parallel=False)
+@_compiled(inline=False)
 def _fuse(
     features: Float[np.ndarray, "view height width channel"],
     P: Float[np.ndarray, "view 3 4"],
@@ -215,7 +235,7 @@ def _fuse(
             target[c] = mean[c] if count else 0.0
 
 
-@_compiled(parallel=False)
+@_compiled(inline=False)
 def _differentiate(
     features: Float[np.ndarray, "view height width channel"],
     P: Float[np.ndarray, "view 3 4"],
@@ -244,40 +264,3 @@ def _differentiate(
                 target = sums[cell[0], cell[3 + corner // 2], cell[1 + corner % 2]]
                 for c in range(num_channels):
                     target[c] += s * row[c]
-
-
-@_compiled(parallel=True)
-def _fuse_all(
-    features: Float[np.ndarray, "batch view height width channel"],
-    P: Float[np.ndarray, "batch view 3 4"],
-    points_mm: Float[np.ndarray, "batch point 3"],
-    is_used: Bool[np.ndarray, "batch view"],
-    fused: Float[np.ndarray, "batch point channel"],
-    chunks: int,
-) -> None:
-    """Share the points of all items out to threads."""
-    size = (points_mm.shape[1] + chunks - 1) // chunks
-    for unit in numba.prange(len(features) * chunks):
-        item, begin = unit // chunks, unit % chunks * size
-        part = slice(begin, min(begin + size, points_mm.shape[1]))
-        _fuse(features[item], P[item], points_mm[item, part], is_used[item], fused[item, part])
-
-
-@_compiled(parallel=True)
-def _differentiate_all(
-    features: Float[np.ndarray, "batch view height width channel"],
-    P: Float[np.ndarray, "batch view 3 4"],
-    points_mm: Float[np.ndarray, "batch point 3"],
-    is_used: Bool[np.ndarray, "batch view"],
-    upstream: Float[np.ndarray, "batch point channel"],
-    sums: Float[np.ndarray, "batch chunk view height width channel"],
-) -> None:
-    """Share the points of all items out to threads; every chunk has sums of its own, so that none waits."""
-    chunks = sums.shape[1]
-    size = (points_mm.shape[1] + chunks - 1) // chunks
-    for unit in numba.prange(len(features) * chunks):
-        item, chunk = unit // chunks, unit % chunks
-        part = slice(chunk * size, min(chunk * size + size, points_mm.shape[1]))
-        _differentiate(
-            features[item], P[item], points_mm[item, part], is_used[item], upstream[item, part], sums[item, chunk]
-        )
