@@ -30,7 +30,8 @@ _BACKWARD_CHUNKS: Final = 8  # fewer, as each sums gradients of its own
 def _compiled(inline: bool) -> Callable[[Callable[Arguments, Result]], Callable[Arguments, Result]]:
     """Compile; sums may be reordered to use vector units, but NaN stays NaN, so that divergence shows.
 
-    What a loop calls is to be inlined: only then does the compiler see that scratch arrays never overlap (3 ×).
+    What a loop calls is to be inlined: only then does the compiler see that scratch arrays never overlap (3 ×). The
+    machine code is kept until this file changes; a new `MIN_DEPTH_MM` alone does not renew it.
     """
 
     def decorate(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
