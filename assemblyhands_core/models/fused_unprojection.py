@@ -25,6 +25,7 @@ Result = TypeVar("Result")
 
 _FORWARD_CHUNKS: Final = 64  # of voxels, over all items of a batch: enough for any number of cores
 _BACKWARD_CHUNKS: Final = 8  # fewer, as each sums gradients of its own
+_MIN_POINTS: Final = 256  # below, handing a part to a thread costs more than it gains
 
 
 def _compiled(inline: bool) -> Callable[[Callable[Arguments, Result]], Callable[Arguments, Result]]:
@@ -90,7 +91,7 @@ class _FusedUnprojection(torch.autograd.Function):
 
 def _parts(batch: int, num_points: int, num_parts: int) -> list[tuple[int, int, slice]]:
     """Return item, chunk and points of about so many parts; how many threads there are does not enter."""
-    chunks = max(1, num_parts // batch)
+    chunks = max(1, min(num_parts // batch, num_points // _MIN_POINTS))
     size = -(-num_points // chunks)
     return [(item, chunk, slice(chunk * size, (chunk + 1) * size)) for item in range(batch) for chunk in range(chunks)]
 
