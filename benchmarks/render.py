@@ -5,8 +5,8 @@
 A person assembles a toy: hands, arms, trunk, head, tool and parts move. *Full*: 8 views of 1920 × 1080 and 4 of
 636 × 480 by cameras on the head, with kept backgrounds and without. *Crops*: 8 views of 128 × 128 around each hand,
 that is two hand instants, from one posture and one set of meshes. The best of the instants counts, because other work
-on the machine only slows down. Time is that of the processor, in all threads; linear algebra may use only one of them,
-as in the workers of a pipeline, because others would burn time while they wait.
+on the machine only slows down. Time is that of the processor, in all threads; threads and memory are set as in the
+workers of the pipeline.
 """
 
 import argparse
@@ -14,12 +14,11 @@ import cProfile
 import os
 import pstats
 import resource
+import sys
 import time
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
-
-os.environ["OPENBLAS_NUM_THREADS"] = "1"  # read when numpy is imported
 
 import numpy as np
 
@@ -30,7 +29,9 @@ from assemblyhands_core.synthetic.render import BackgroundCache, Scene, Sensor, 
 from assemblyhands_core.synthetic.rig import assembly_rig
 from assemblyhands_core.synthetic.scene import Studio
 from assemblyhands_core.synthetic.take import Take
+from pipeline.local_cluster import KEPT_MEMORY, THREAD_VARIABLES
 
+ENVIRONMENT = {**dict.fromkeys(THREAD_VARIABLES, "1"), **KEPT_MEMORY}  # read when a process starts
 STEP_S = 0.5
 PARTS = {
     "surfaces.py": "Embree: rays to lamps, primary rays of static bodies, meshes",
@@ -44,6 +45,8 @@ PARTS = {
 
 
 def main() -> None:
+    if not ENVIRONMENT.items() <= os.environ.items():
+        os.execve(sys.executable, [sys.executable, *sys.argv], {**os.environ, **ENVIRONMENT})
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--instants", type=int, default=5)
     parser.add_argument("--subject", type=int, default=3)

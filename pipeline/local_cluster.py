@@ -11,7 +11,9 @@ from typing import Any
 from pipeline.config import UserError
 
 # OpenCV and BLAS would each start a thread per core in every worker.
-_THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OPENCV_FOR_THREADS_NUM")
+THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OPENCV_FOR_THREADS_NUM")
+# Freed memory is kept for what comes next: rendering, which takes and frees pictures all the time, is a tenth faster.
+KEPT_MEMORY = {"MALLOC_MMAP_THRESHOLD_": str(2**28), "MALLOC_TRIM_THRESHOLD_": str(2**30)}
 _MAX_STARTS = 3
 _MAX_LOST = 1  # workers that a task may lose before it is suspected of killing them
 _MAX_LIVES = 6  # of each worker without anything done
@@ -60,7 +62,7 @@ def local_workers(num_workers: int, num_threads: int, memory_limit: str) -> Iter
     from distributed import Client
 
     settings = {
-        "distributed.nanny.pre-spawn-environ": dict.fromkeys(_THREAD_VARIABLES, str(num_threads)),
+        "distributed.nanny.pre-spawn-environ": dict.fromkeys(THREAD_VARIABLES, str(num_threads)) | KEPT_MEMORY,
         "distributed.worker.daemon": True,
         "distributed.scheduler.allowed-failures": _MAX_LOST,
         "distributed.logging.distributed": "critical",  # a lost worker is our own sentence, not their tracebacks
