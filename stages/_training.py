@@ -14,11 +14,11 @@ from torch import Tensor
 from assemblyhands_core.data.arrays import to_numpy
 from assemblyhands_core.data.catalog import TRAINING_CURVE, WEIGHTS
 from assemblyhands_core.data.digests import digest_file
-from assemblyhands_core.models.hand_dataset import Augmentation, HandCrops
 from assemblyhands_core.models.hand_keypoints import HandKeypointNet
 from assemblyhands_core.models.mvexonet import MVExoNet
 from assemblyhands_core.models.pretrained import save_weights
-from assemblyhands_core.models.training import Outcome, Schedule, Task, train
+from assemblyhands_core.training.hand_dataset import Augmentation, HandCrops
+from assemblyhands_core.training.loop import Outcome, Schedule, Task, train
 from stages._contract import Context, StageConfig, Tables
 
 

@@ -7,7 +7,7 @@ from torch import Tensor
 from assemblyhands_core.data.catalog import CROPS, HAND_LABELS, TRAINING_CURVE, WEIGHTS
 from assemblyhands_core.models.hand_keypoints import HandKeypointConfig, HandKeypointNet
 from assemblyhands_core.models.pretrained import start_from_imagenet
-from assemblyhands_core.models.training import Batch, Task
+from assemblyhands_core.training.loop import Batch, Task
 from stages._contract import Context, Stage, Tables
 from stages._training import TrainingConfig, data_sets, fitted, mean_distance, tensors
 

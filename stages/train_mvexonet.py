@@ -10,7 +10,7 @@ from assemblyhands_core.data.catalog import CROPS, HAND_LABELS, TRAINING_CURVE, 
 from assemblyhands_core.models.hand_keypoints import HandKeypointNet
 from assemblyhands_core.models.mvexonet import HandEstimate, MVExoNet, MVExoNetConfig
 from assemblyhands_core.models.pretrained import load_hand_keypoints
-from assemblyhands_core.models.training import Batch, Task
+from assemblyhands_core.training.loop import Batch, Task
 from stages._contract import Context, Stage, Tables
 from stages._training import TrainingConfig, data_sets, fitted, mean_distance, tensors, weights_file
 

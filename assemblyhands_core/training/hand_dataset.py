@@ -12,9 +12,9 @@ import numpy as np
 import pyarrow as pa
 from jaxtyping import Bool, Float, Float32, Float64, UInt8
 
+from assemblyhands_core.data.hand_crops import HandLabel, StoredHand, cut, hand_labels, stored_hands, window_map
 from assemblyhands_core.geometry.crops import square_box
 from assemblyhands_core.hands.joints import ROOT
-from assemblyhands_core.models.hand_crops import HandLabel, StoredHand, cut, hand_labels, stored_hands, window_map
 
 
 @dataclass(frozen=True)
