@@ -1,25 +1,28 @@
-"""What every stage that trains a network shares: its parameters, what is held out, and what it leaves behind."""
+"""What every stage that trains a network shares: its parameters, what is held out, and what it leaves behind.
+
+Networks and their training are imported where they are needed: importing torch takes seconds, which every command would
+pay otherwise.
+"""
 
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pyarrow as pa
 import pyarrow.compute as pc
-import torch
 from pydantic import Field
-from torch import Tensor
 
 from assemblyhands_core.data.arrays import to_numpy
 from assemblyhands_core.data.catalog import TRAINING_CURVE, WEIGHTS
 from assemblyhands_core.data.digests import digest_file
-from assemblyhands_core.models.hand_keypoints import HandKeypointNet
-from assemblyhands_core.models.mvexonet import MVExoNet
-from assemblyhands_core.models.pretrained import save_weights
 from assemblyhands_core.training.hand_dataset import Augmentation, HandCrops
-from assemblyhands_core.training.loop import Outcome, Schedule, Task, train
 from stages._contract import Context, StageConfig, Tables
+
+if TYPE_CHECKING:
+    from assemblyhands_core.models.hand_keypoints import HandKeypointNet
+    from assemblyhands_core.models.mvexonet import MVExoNet
+    from assemblyhands_core.training.loop import Outcome, Schedule, Task
 
 
 class AugmentationConfig(StageConfig):
@@ -61,8 +64,10 @@ class TrainingConfig(StageConfig):
     seed: int = Field(ge=0)
     devices: int = Field(ge=-1)
 
-    def schedule(self) -> Schedule:
+    def schedule(self) -> "Schedule":
         """Return it as the training loop takes it."""
+        from assemblyhands_core.training.loop import Schedule
+
         names = ("num_epochs", "steps_per_epoch", "batch_size", "learning_rate", "weight_decay", "max_gradient")
         return Schedule(**{name: getattr(self, name) for name in (*names, "num_loaders", "seed", "devices")})
 
@@ -82,21 +87,18 @@ def data_sets(config: TrainingConfig, inputs: Tables, size_px: int) -> tuple[Han
     return training, held_out.spread(config.max_held_out)
 
 
-def tensors(batch: Mapping[str, Tensor]) -> dict[str, Tensor]:
-    """Return a batch with pictures as networks take them, RGB in [0, 1], channels first."""
-    images = batch["images"].movedim(-1, -3).float() / 255.0
-    return {**batch, "images": images}
-
-
 def fitted(
-    network: MVExoNet | HandKeypointNet,
-    task: Task,
+    network: "MVExoNet | HandKeypointNet",
+    task: "Task",
     config: TrainingConfig,
     context: Context,
     card: Mapping[str, Any],
     unit: str,
 ) -> Tables:
     """Train, and return the tables of a stage that trains: weights with their card, and the curve."""
+    from assemblyhands_core.models.pretrained import save_weights
+    from assemblyhands_core.training.loop import train
+
     outcome = train(task, config.schedule(), context.scratch_dir, context.num_threads)
     path = context.blob_dir / "weights.safetensors"
     written = {
@@ -120,13 +122,7 @@ def weights_file(table: pa.Table) -> Path:
     return Path(path)
 
 
-def mean_distance(found: Tensor, true: Tensor, is_valid: Tensor) -> tuple[Tensor, Tensor]:
-    """Return the mean distance of valid joints, and how many they are."""
-    distances = torch.linalg.vector_norm(found - true, dim=-1)
-    return distances[is_valid].mean() if is_valid.any() else distances.new_zeros(()), is_valid.sum()
-
-
-def _curve(outcome: Outcome, context: Context) -> pa.Table:
+def _curve(outcome: "Outcome", context: Context) -> pa.Table:
     return TRAINING_CURVE.from_rows([{"sequence_id": context.sequence_id, **vars(point)} for point in outcome.curve])
 
 

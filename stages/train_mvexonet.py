@@ -1,18 +1,16 @@
 """Train MVExoNet on crops of one hand from several views (paper, Sec. 3.1 and supplement B)."""
 
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
-import torch
 from pydantic import Field
-from torch import Tensor
 
 from assemblyhands_core.data.catalog import CROPS, HAND_LABELS, TRAINING_CURVE, WEIGHTS
-from assemblyhands_core.models.hand_keypoints import HandKeypointNet
-from assemblyhands_core.models.mvexonet import HandEstimate, MVExoNet, MVExoNetConfig
-from assemblyhands_core.models.pretrained import load_hand_keypoints
-from assemblyhands_core.training.loop import Batch, Task
 from stages._contract import Context, Stage, Tables
-from stages._training import TrainingConfig, data_sets, fitted, mean_distance, tensors, weights_file
+from stages._training import TrainingConfig, data_sets, fitted, weights_file
+
+if TYPE_CHECKING:
+    from assemblyhands_core.models.hand_keypoints import HandKeypointNet
+    from assemblyhands_core.models.mvexonet import MVExoNet
 
 
 class TrainMvexonetConfig(TrainingConfig):
@@ -26,30 +24,21 @@ class TrainMvexonetConfig(TrainingConfig):
 
 def run(config: TrainMvexonetConfig, inputs: Tables, context: Context) -> Tables:
     """Train on one set of crops, starting from the encoder of the 2D network."""
+    import torch
+
+    from assemblyhands_core.models.pretrained import load_hand_keypoints
+    from assemblyhands_core.training.tasks import mvexonet_task
+
     torch.manual_seed(config.seed)
-    start = load_hand_keypoints(weights_file(inputs["start"]))
-    network = _network(config, start)
-    training, held_out = data_sets(config, inputs, config.image_size_px)
-
-    def estimate(batch: Batch) -> tuple[dict[str, Tensor], HandEstimate]:
-        sample = tensors(batch)
-        names = ("images", "P_pixel_from_world", "is_view_used", "root_world_mm", "is_left")
-        return sample, network(*(sample[name] for name in names))
-
-    def loss(batch: Batch) -> Tensor:
-        sample, found = estimate(batch)
-        names = ("joints_world_mm", "is_valid", "root_world_mm", "is_left")
-        return network.loss(found, *(sample[name] for name in names))
-
-    def error(batch: Batch) -> tuple[Tensor, Tensor]:
-        sample, found = estimate(batch)
-        return mean_distance(found.joints_world_mm, sample["joints_world_mm"], sample["is_valid"])
-
-    card = {"start": inputs["start"]["sha256"][0].as_py()}
-    return fitted(network, Task(network, loss, error, training, held_out), config, context, card, "mm")
+    network = _network(config, load_hand_keypoints(weights_file(inputs["start"])))
+    task = mvexonet_task(network, *data_sets(config, inputs, config.image_size_px))
+    return fitted(network, task, config, context, {"start": inputs["start"]["sha256"][0].as_py()}, "mm")
 
 
-def _network(config: TrainMvexonetConfig, start: HandKeypointNet) -> MVExoNet:
+def _network(config: TrainMvexonetConfig, start: "HandKeypointNet") -> "MVExoNet":
+    """Return a network whose encoder is that of the 2D network."""
+    from assemblyhands_core.models.mvexonet import MVExoNet, MVExoNetConfig
+
     shape = MVExoNetConfig(
         backbone=start.config.backbone,
         num_levels=start.config.num_levels,

@@ -8,13 +8,16 @@ import importlib.util
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final, Protocol
+from typing import Any, Final, Protocol, runtime_checkable
 
-import lightning.pytorch as pl
 import numpy as np
 import torch
-from lightning.pytorch.callbacks import ModelCheckpoint
-from lightning.pytorch.loggers import CSVLogger, Logger, TensorBoardLogger
+
+from assemblyhands_core.models import torchvision_operators  # noqa: F401  (before lightning, which imports torchvision)
+
+import lightning.pytorch as pl  # isort: skip
+from lightning.pytorch.callbacks import ModelCheckpoint  # isort: skip
+from lightning.pytorch.loggers import CSVLogger, Logger, TensorBoardLogger  # isort: skip
 from torch import Tensor, nn
 from torch.utils.data import DataLoader, Dataset
 
@@ -24,6 +27,7 @@ _LAST: Final = "last.ckpt"
 Batch = Mapping[str, Tensor]
 
 
+@runtime_checkable
 class EpochData(Protocol):
     """A map-style data set whose samples differ from epoch to epoch."""
 

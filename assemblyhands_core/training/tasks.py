@@ -1,0 +1,77 @@
+"""What each network is to learn from crops of hands, and by what it is judged."""
+
+from typing import Final
+
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from assemblyhands_core.models.hand_keypoints import HandKeypointNet
+from assemblyhands_core.models.mvexonet import HandEstimate, MVExoNet
+from assemblyhands_core.training.loop import Batch, EpochData, Task
+
+_NEAR: Final = 1e-6  # of a depth, so that what is behind a camera divides by something
+
+
+def keypoint_task(network: HandKeypointNet, training: EpochData, held_out: EpochData) -> Task:
+    """Return the 2D network's task: joints in single views, judged in pixels of the crop."""
+    size_px = network.config.image_size_px
+
+    def loss(batch: Batch) -> Tensor:
+        images, pixels, is_valid, is_left = used_views(batch, size_px)
+        return network.loss(network(images, is_left), pixels, is_valid, is_left)
+
+    def error(batch: Batch) -> tuple[Tensor, Tensor]:
+        images, pixels, is_valid, is_left = used_views(batch, size_px)
+        return mean_distance(network(images, is_left).pixels, pixels, is_valid)
+
+    return Task(network, loss, error, training, held_out)
+
+
+def mvexonet_task(network: MVExoNet, training: EpochData, held_out: EpochData) -> Task:
+    """Return MVExoNet's task: joints of hands seen by several views, judged in mm."""
+
+    def estimate(batch: Batch) -> HandEstimate:
+        names = ("P_pixel_from_world", "is_view_used", "root_world_mm", "is_left")
+        return network(images_of(batch), *(batch[name] for name in names))  # type: ignore[no-any-return]
+
+    def loss(batch: Batch) -> Tensor:
+        names = ("joints_world_mm", "is_valid", "root_world_mm", "is_left")
+        return network.loss(estimate(batch), *(batch[name] for name in names))
+
+    def error(batch: Batch) -> tuple[Tensor, Tensor]:
+        return mean_distance(estimate(batch).joints_world_mm, batch["joints_world_mm"], batch["is_valid"])
+
+    return Task(network, loss, error, training, held_out)
+
+
+def images_of(batch: Batch) -> Float[Tensor, "batch view 3 size size"]:
+    """Return a batch's pictures as networks take them: RGB in [0, 1], channels first."""
+    return batch["images"].movedim(-1, -3).float() / 255.0
+
+
+def used_views(
+    batch: Batch, size_px: int
+) -> tuple[
+    Float[Tensor, "used 3 size size"], Float[Tensor, "used joint 2"], Bool[Tensor, "used joint"], Bool[Tensor, " used"]
+]:
+    """Return pictures, true pixels, which of them count, and the side, for each view that is used.
+
+    A joint counts where it lies in the picture, hidden or not.
+    """
+    used = batch["is_view_used"]
+    points = torch.nn.functional.pad(batch["joints_world_mm"], (0, 1), value=1.0)
+    projected = torch.einsum("bvij,bkj->bvki", batch["P_pixel_from_world"], points)[used]
+    pixels = projected[..., :2] / projected[..., 2:].clamp(min=_NEAR)
+    inside = ((pixels > -0.5) & (pixels < size_px - 0.5)).all(dim=-1) & (projected[..., 2] > 0)
+    is_valid = batch["is_valid"][:, None].expand(-1, used.shape[1], -1)[used] & inside
+    is_left = batch["is_left"][:, None].expand(-1, used.shape[1])[used]
+    return images_of(batch)[used], torch.where(inside[..., None], pixels, 0.0), is_valid, is_left
+
+
+def mean_distance(
+    found: Float[Tensor, "item joint dim"], true: Float[Tensor, "item joint dim"], is_valid: Bool[Tensor, "item joint"]
+) -> tuple[Float[Tensor, ""], Tensor]:
+    """Return the mean distance of valid joints, and how many they are."""
+    distances = torch.linalg.vector_norm(found - true, dim=-1)
+    return distances[is_valid].mean() if is_valid.any() else distances.new_zeros(()), is_valid.sum()
