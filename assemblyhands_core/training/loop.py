@@ -8,7 +8,7 @@ import importlib.util
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final, Protocol, runtime_checkable
+from typing import Any, Final, Literal, Protocol, runtime_checkable
 
 import numpy as np
 import torch
@@ -17,7 +17,7 @@ from assemblyhands_core.models import torchvision_operators  # noqa: F401  (befo
 
 import lightning.pytorch as pl  # isort: skip
 from lightning.pytorch.callbacks import ModelCheckpoint  # isort: skip
-from lightning.pytorch.loggers import CSVLogger, Logger, TensorBoardLogger  # isort: skip
+from lightning.pytorch.loggers import Logger, TensorBoardLogger  # isort: skip
 from torch import Tensor, nn
 from torch.utils.data import DataLoader, Dataset
 
@@ -144,9 +144,9 @@ def train(task: Task, schedule: Schedule, folder: Path, num_threads: int) -> Out
         num_sanity_val_steps=0,
         enable_progress_bar=False,
         enable_model_summary=False,
-        log_every_n_steps=20,
+        log_every_n_steps=min(20, schedule.steps_per_epoch),
         callbacks=[checkpoints],
-        logger=_loggers(folder),
+        logger=_logger(folder),
     )
     last = folder / _LAST
     trainer.fit(module, ckpt_path=last if last.is_file() else None)
@@ -155,11 +155,11 @@ def train(task: Task, schedule: Schedule, folder: Path, num_threads: int) -> Out
     return Outcome(tuple(module.curve), min(module.curve, key=lambda point: point.error))
 
 
-def _loggers(folder: Path) -> list[Logger]:
-    loggers: list[Logger] = [CSVLogger(folder, name="", version="csv")]
-    if importlib.util.find_spec("tensorboard") is not None:
-        loggers.append(TensorBoardLogger(folder, name="", version="tensorboard"))
-    return loggers
+def _logger(folder: Path) -> Logger | Literal[False]:
+    """Return TensorBoard's log if it is installed (extra `training`); the curve is kept without it, too."""
+    if importlib.util.find_spec("tensorboard") is None:
+        return False
+    return TensorBoardLogger(folder, name="", version="tensorboard")
 
 
 class _Module(pl.LightningModule):
