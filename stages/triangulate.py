@@ -13,9 +13,9 @@ import numpy.typing as npt
 import pyarrow as pa
 from pydantic import Field
 
-from assemblyhands_core.data.arrays import to_numpy
 from assemblyhands_core.data.camera_rows import valid_cameras
 from assemblyhands_core.data.catalog import JOINTS, KEYPOINTS, RESIDUALS, VIEWS
+from assemblyhands_core.data.keypoint_rows import hand_codes, keypoints_by_view, positions
 from assemblyhands_core.data.outcomes import outcome_columns
 from assemblyhands_core.geometry.triangulation import Triangulation, triangulate
 from assemblyhands_core.hands.joints import HANDS, NUM_JOINTS
@@ -59,7 +59,9 @@ def run(config: TriangulateConfig, inputs: Tables, context: Context) -> Tables:
     if not keypoints.num_rows:
         return {"joints": JOINTS.empty(), "residuals": RESIDUALS.empty()}
     hands = _group(keypoints, list(cameras))
-    pixels, confidence = _pivot(keypoints, hands, len(cameras), config.min_confidence)
+    place = hands.row_hand, hands.row_view, len(hands.frame), len(cameras)
+    by_view = keypoints_by_view(keypoints, *place, config.min_confidence)
+    pixels, confidence = (values.swapaxes(1, 2) for values in by_view)
     found = triangulate(
         pixels.reshape(-1, len(cameras), 2),
         list(cameras.values()),
@@ -74,29 +76,10 @@ def run(config: TriangulateConfig, inputs: Tables, context: Context) -> Tables:
 
 def _group(keypoints: pa.Table, camera_ids: list[str]) -> _Hands:
     """Find out which hand, instant and view each row is about."""
-    code = to_numpy(keypoints.column("frame")) * len(HANDS) + _positions(keypoints.column("hand"), list(HANDS))
-    codes, row_hand = np.unique(code, return_inverse=True)
-    row_view = _positions(keypoints.column("camera_id"), camera_ids)
+    codes, row_hand = np.unique(hand_codes(keypoints), return_inverse=True)
+    row_view = positions(keypoints.column("camera_id"), camera_ids)
     names = np.array(HANDS, dtype=object)
     return _Hands(codes // len(HANDS), names[codes % len(HANDS)], row_hand, row_view)
-
-
-def _positions(column: pa.ChunkedArray, values: list[str]) -> Indices:
-    """Return where each entry of a column stands among the values, -1 where it does not."""
-    return np.asarray(pa.compute.index_in(column, pa.array(values, pa.string())).fill_null(-1), dtype=np.int64)
-
-
-def _pivot(keypoints: pa.Table, hands: _Hands, num_views: int, min_confidence: float) -> tuple[Floats, Floats]:
-    """Return pixels (G, J, V, 2), NaN where a view did not see the joint well enough, and confidence (G, J, V)."""
-    shape = (len(hands.frame), num_views, NUM_JOINTS)
-    pixels, confidence = np.full((*shape, 2), np.nan), np.zeros(shape)
-    is_used = to_numpy(keypoints.column("valid")).astype(bool) & (hands.row_view >= 0)
-    place = hands.row_hand[is_used], hands.row_view[is_used]
-    pixels[place] = to_numpy(keypoints.column("keypoints_px"))[is_used].reshape(-1, NUM_JOINTS, 2)
-    confidence[place] = to_numpy(keypoints.column("confidence"))[is_used]
-    is_seen = np.isfinite(pixels).all(axis=-1) & (confidence >= min_confidence) & (confidence > 0)
-    pixels[~is_seen], confidence[~is_seen] = np.nan, 0.0
-    return pixels.swapaxes(1, 2), confidence.swapaxes(1, 2)
 
 
 def _without_strays(found: Triangulation, max_span_mm: float) -> Triangulation:

@@ -27,11 +27,13 @@ class StoredView:
         camera_id: Its view.
         image: Encoded picture.
         P_pixel_from_world: K [R | t], mm.
+        size_px: Width and height.
     """
 
     camera_id: str
     image: bytes
     P_pixel_from_world: Float64[np.ndarray, "3 4"]
+    size_px: tuple[int, int]
 
     def project(self, points_world_mm: Float[np.ndarray, "point 3"]) -> Float64[np.ndarray, "point 2"]:
         """Return pixels of the stored crop; NaN behind the camera."""
@@ -91,9 +93,10 @@ def stored_hands(crops: pa.Table) -> dict[HandKey, StoredHand]:
     matrices = _projections(valid)
     names = [valid.column(name).to_pylist() for name in ("sequence_id", "frame", "hand", "camera_id")]
     images = valid.column("image")
+    sizes = list(zip(*(valid.column(name).to_pylist() for name in ("width_px", "height_px")), strict=True))
     found: dict[HandKey, list[StoredView]] = {}
     for index, (sequence, frame, hand, camera_id) in enumerate(zip(*names, strict=True)):
-        view = StoredView(camera_id, images[index].as_py(), matrices[index])
+        view = StoredView(camera_id, images[index].as_py(), matrices[index], sizes[index])
         found.setdefault((sequence, frame, hand), []).append(view)
     return {key: StoredHand(key, tuple(views)) for key, views in found.items()}
 
