@@ -27,7 +27,7 @@ from pipeline.runner import Runner, results
 from pipeline.takes import absent_takes, select_takes, studio_folder
 from pipeline.tasks import Result
 from pipeline.view import write_view
-from pipeline.work import SequenceWork
+from pipeline.work import SequenceWork, possible_nodes
 
 _MAX_REPAIRS = 20  # each round finds what is damaged one node further
 _PLAIN_WIDTH = 140  # of lines that go to a file or a pipe
@@ -119,13 +119,14 @@ def _collect_garbage(config: RunConfig, console: Console) -> int:
 
 def _works(config: RunConfig, run: str) -> list[SequenceWork]:
     digests = FileDigests(config.workspace / "file-digests.json")
-    nodes = config.dag.upto(config.wanted_nodes)
     threads = resolve_workers(config.executor)[1]
     sequences = select_takes(config) if config.starts_in_studio else select_recordings(config)
-    return [
-        SequenceWork(config, sequence, sequence.source_rows(digests), nodes, _logs(config, run), threads)
-        for sequence in sequences
-    ]
+    works = []
+    for sequence in sequences:
+        origins = sequence.origin_rows(digests)
+        nodes = possible_nodes(config, sequence.sequence_id, origins)
+        works.append(SequenceWork(config, sequence, origins, nodes, _logs(config, run), threads))
+    return works
 
 
 def _say(console: Console, sentence: str) -> None:

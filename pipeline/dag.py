@@ -1,6 +1,6 @@
 """The whole way of the data on one screen, and the rules that it keeps to."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -30,7 +30,8 @@ from stages._contract import Stage
 
 SOURCE_EDGE: Final = "sources"  # the recording's own files, as the engine finds them
 TAKE_EDGE: Final = "takes"  # what the studio is to record, as the manifest orders it
-ORIGINS: Final[Mapping[str, TableSpec]] = {SOURCE_EDGE: SOURCES, TAKE_EDGE: TAKES}
+TRUTH_EDGE: Final = "truth"  # files of the recording's ground truth, which evaluation alone may read
+ORIGINS: Final[Mapping[str, TableSpec]] = {SOURCE_EDGE: SOURCES, TAKE_EDGE: TAKES, TRUTH_EDGE: SOURCES}
 """Edges that come from outside, and their tables."""
 
 
@@ -83,9 +84,13 @@ class Dag:
         upstream = {source: self.nodes[source].stage.name for source in self.nodes if source in sources}
         self.nodes[name] = Node(name, stage, inputs, upstream, self._chunk_edge(upstream))
 
-    def upto(self, targets: tuple[str, ...]) -> list[Node]:
-        """Return the nodes that the targets need, in order."""
-        wanted = set(targets)
+    def upto(self, targets: tuple[str, ...], absent: Collection[str] = ()) -> list[Node]:
+        """Return the nodes that the targets need, in order; not those that an absent origin of ``ORIGINS`` leads to."""
+        impossible: set[str] = set()
+        for node in self.nodes.values():
+            if impossible.intersection(node.upstream) or not set(absent).isdisjoint(node.inputs.values()):
+                impossible.add(node.name)
+        wanted = set(targets) - impossible
         for node in reversed(self.nodes.values()):
             if node.name in wanted:
                 wanted.update(node.upstream)

@@ -5,9 +5,13 @@ from collections.abc import Iterator
 import pyarrow as pa
 
 from assemblyhands_core.data.tables import TableSpec
-from pipeline.dag import SOURCE_EDGE, TAKE_EDGE, TARGETS, Dag
+from pipeline.dag import SOURCE_EDGE, TAKE_EDGE, TARGETS, TRUTH_EDGE, Dag
 
-_ORIGINS = {SOURCE_EDGE: "the recording's files", TAKE_EDGE: "the manifest's order"}
+_ORIGINS = {
+    SOURCE_EDGE: "the recording's files",
+    TAKE_EDGE: "the manifest's order",
+    TRUTH_EDGE: "the recording's ground truth",
+}
 
 
 def describe(dag: Dag) -> str:

@@ -2,13 +2,14 @@
 
 import glob
 import json
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from assemblyhands_core.data.digests import FileDigests
 from assemblyhands_core.data.packages import PackageError, fetch_package
 from pipeline.config import RunConfig, UserError
+from pipeline.dag import SOURCE_EDGE, TRUTH_EDGE
 from pipeline.manifests import MANIFESTS, ManifestRow, checked_name, select_rows
 from pipeline.takes import STUDIO_PACKAGE, studio_folder
 
@@ -22,16 +23,26 @@ class Recording:
         calibration: the rig's calibration.
         videos: camera name (the file's stem) → file.
         keypoints: folder of 2D keypoints that come with it and take the place of detectors; None without any.
+        ground_truth: folder of what is true in it, for evaluation alone; None where nobody knows.
     """
 
     sequence_id: str
     calibration: Path
     videos: Mapping[str, Path]
     keypoints: Path | None = None
+    ground_truth: Path | None = None
 
-    def source_rows(self, digests: FileDigests) -> tuple[Mapping[str, str], ...]:
-        """Return the rows of the ``sources`` table: role, name, file and sha256 of every file."""
-        files = [("calibration", "calibration", self.calibration), *(("video", n, p) for n, p in self.videos.items())]
+    def origin_rows(self, digests: FileDigests) -> Mapping[str, Sequence[Mapping[str, str]]]:
+        """Return role, name, path and sha256 of every file, apart what is given and what is true.
+
+        Two tables, so that nothing but evaluation runs again when the truth changes; the second is empty without truth.
+        """
+        given = [("calibration", "calibration", self.calibration), *(("video", n, p) for n, p in self.videos.items())]
+        files = sorted(self.ground_truth.glob("*.parquet")) if self.ground_truth else []
+        true = [("ground_truth", path.stem, path) for path in files]
+        return {SOURCE_EDGE: self._rows(given, digests), TRUTH_EDGE: self._rows(true, digests)}
+
+    def _rows(self, files: Iterable[tuple[str, str, Path]], digests: FileDigests) -> tuple[Mapping[str, str], ...]:
         return tuple(
             {
                 "sequence_id": self.sequence_id,
@@ -60,10 +71,19 @@ def select_recordings(config: RunConfig) -> list[Recording]:
 def _from_manifest(row: ManifestRow, workspace: Path) -> Recording:
     """Return a row's recording; its paths are relative to the package's files, or to the manifest's folder."""
     folder = _package_folder(row, workspace) if row["package"] else Path(row["folder"])
-    keypoints = folder / row["keypoints"] if row["keypoints"] else None
-    if keypoints is not None and not keypoints.is_dir():
-        raise UserError(f"sequence {row['sequence_id']}: the folder of keypoints {keypoints} does not exist")
-    return _recording(row["sequence_id"], folder / row["calibration"], str(folder / row["videos"]), keypoints)
+    found = _recording(row["sequence_id"], folder / row["calibration"], str(folder / row["videos"]))
+    return replace(
+        found,
+        keypoints=_optional_folder(folder, row, "keypoints"),
+        ground_truth=_optional_folder(folder, row, "ground_truth"),
+    )
+
+
+def _optional_folder(folder: Path, row: ManifestRow, column: str) -> Path | None:
+    path = (folder / row[column]).absolute() if row[column] else None
+    if path is not None and not path.is_dir():
+        raise UserError(f"sequence {row['sequence_id']}: the folder of {column} {path} does not exist")
+    return path
 
 
 def _package_folder(row: ManifestRow, workspace: Path) -> Path:
@@ -80,7 +100,7 @@ def _package_folder(row: ManifestRow, workspace: Path) -> Path:
         raise UserError(str(error)) from error
 
 
-def _recording(sequence_id: str, calibration: Path, videos: str, keypoints: Path | None = None) -> Recording:
+def _recording(sequence_id: str, calibration: Path, videos: str) -> Recording:
     if not calibration.is_file():
         raise UserError(f"sequence {sequence_id}: the calibration {calibration} does not exist")
     files = sorted(Path(path) for path in glob.glob(videos) if Path(path).is_file())
@@ -91,4 +111,4 @@ def _recording(sequence_id: str, calibration: Path, videos: str, keypoints: Path
         raise UserError(
             f"sequence {sequence_id}: two videos that match {videos} have the same name, so cameras get mixed up"
         )
-    return Recording(sequence_id, calibration.absolute(), by_name, keypoints)
+    return Recording(sequence_id, calibration.absolute(), by_name)

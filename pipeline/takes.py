@@ -1,6 +1,6 @@
 """Which synthetic sequences are to be recorded, and which still are."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -8,6 +8,7 @@ from typing import Any, Final
 from assemblyhands_core.data.digests import FileDigests
 from assemblyhands_core.data.layout import DatasetLayout
 from pipeline.config import RunConfig, UserError
+from pipeline.dag import TAKE_EDGE
 from pipeline.manifests import ManifestRow, select_rows
 
 STUDIO_PACKAGE: Final = "synthetic"
@@ -28,10 +29,10 @@ class OrderedTake:
     duration_s: float
     keypoints: None = None
 
-    def source_rows(self, digests: FileDigests) -> tuple[Mapping[str, Any], ...]:
-        """Return the row of the ``takes`` table; no file is read."""
+    def origin_rows(self, digests: FileDigests) -> Mapping[str, Sequence[Mapping[str, Any]]]:
+        """Return the row of the ``takes`` table, by its edge; no file is read."""
         names = ("sequence_id", "split", "rig", "duration_s")
-        return ({name: getattr(self, name) for name in names},)
+        return {TAKE_EDGE: ({name: getattr(self, name) for name in names},)}
 
 
 def studio_folder(workspace: Path) -> Path:

@@ -42,7 +42,7 @@ class Task:
         config: the stage's parameters, validated.
         externals: what the result depends on beyond config and tables, as the stage said once for the whole run.
         problem: why the stage cannot run at all (a package or file is missing); empty if it can.
-        sources: rows of the table of `ORIGINS` that a node reads, if it reads one.
+        origins: for each edge of `ORIGINS` that the node reads, its rows.
         workspace, log: where the store and this shard's log lie.
         num_threads: threads that the stage may use.
     """
@@ -52,7 +52,7 @@ class Task:
     config: StageConfig
     externals: Mapping[str, str]
     problem: str
-    sources: tuple[Mapping[str, Any], ...]
+    origins: Mapping[str, Sequence[Mapping[str, Any]]]
     workspace: Path
     log: Path
     num_threads: int = 1
@@ -151,7 +151,7 @@ def _result(task: Task, status: Status, record: Record) -> Result:
 
 def _input_digests(task: Task, edge: str, upstream: Upstream) -> list[str]:
     if edge in ORIGINS:
-        return [ORIGINS[edge].digest(ORIGINS[edge].from_rows(task.sources))]
+        return [ORIGINS[edge].digest(ORIGINS[edge].from_rows(task.origins[edge]))]
     node, output = edge.split(".")
     slice_name = f"#{task.shard.chunk}" if _is_sliced(task, edge) else ""
     return [result.outputs[output].digest + slice_name for result in upstream[node]]
@@ -159,7 +159,7 @@ def _input_digests(task: Task, edge: str, upstream: Upstream) -> list[str]:
 
 def _read_input(task: Task, role: str, edge: str, upstream: Upstream, store: Store) -> pa.Table:
     if edge in ORIGINS:
-        return ORIGINS[edge].from_rows(task.sources)
+        return ORIGINS[edge].from_rows(task.origins[edge])
     node, output = edge.split(".")
     spec = task.node.stage.inputs[role]
     records = [_record(store, task.node.upstream_stages[node], result) for result in upstream[node]]

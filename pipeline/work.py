@@ -7,8 +7,8 @@ from typing import Any
 
 from assemblyhands_core.data.catalog import CHUNKS
 from assemblyhands_core.data.store import DamagedEntry, Store
-from pipeline.config import RunConfig
-from pipeline.dag import Node
+from pipeline.config import RunConfig, UserError
+from pipeline.dag import ORIGINS, Node
 from pipeline.recordings import Recording
 from pipeline.takes import OrderedTake
 from pipeline.tasks import Result, Shard, Task
@@ -23,6 +23,7 @@ class SequenceWork:
     """The tasks of one sequence.
 
     Attributes:
+        origins: for each edge of `ORIGINS` that the nodes read, its rows.
         chunk_frames: frames in each chunk, once ingest has told; None before.
         is_cut: whether ingest has told or failed, so that every shard is known.
         handles: node → shard → its result, or the promise of it.
@@ -30,7 +31,7 @@ class SequenceWork:
 
     config: RunConfig
     recording: Recording | OrderedTake
-    sources: tuple[Mapping[str, Any], ...]
+    origins: Mapping[str, Sequence[Mapping[str, Any]]]
     nodes: Sequence[Node]
     logs: Path
     num_threads: int = 1
@@ -95,7 +96,8 @@ class SequenceWork:
         config = self._stage_config(node)
         log = self.logs / f"{node.name}-{shard}.log"
         externals, problem = self._externals(node, config)
-        return Task(node, shard, config, externals, problem, self.sources, self.config.workspace, log, self.num_threads)
+        origins = {edge: self.origins[edge] for edge in node.inputs.values() if edge in ORIGINS}
+        return Task(node, shard, config, externals, problem, origins, self.config.workspace, log, self.num_threads)
 
     def _stage_config(self, node: Node) -> StageConfig:
         config = self.config.stages[node.stage.name]
@@ -112,3 +114,12 @@ class SequenceWork:
                 found = {}, str(error)
             self._known_externals[node.name] = found
         return self._known_externals[node.name]
+
+
+def possible_nodes(config: RunConfig, sequence_id: str, origins: Mapping[str, Sequence[Any]]) -> list[Node]:
+    """Return the nodes that a sequence can have: without ground truth nothing is evaluated."""
+    absent = [edge for edge, rows in origins.items() if not rows]
+    nodes = config.dag.upto(config.wanted_nodes, absent)
+    if not nodes:
+        raise UserError(f"sequence {sequence_id} comes without {', '.join(absent)}, which target={config.target} needs")
+    return nodes

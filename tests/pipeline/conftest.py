@@ -15,7 +15,7 @@ from assemblyhands_core.data.digests import FileDigests
 from assemblyhands_core.data.store import Store
 from assemblyhands_core.data.tables import TableSpec
 from pipeline.config import ExecutorConfig, GcConfig, RigConfig, RunConfig
-from pipeline.dag import SOURCE_EDGE, Dag
+from pipeline.dag import SOURCE_EDGE, TRUTH_EDGE, Dag
 from pipeline.executors import SerialExecutor
 from pipeline.history import History
 from pipeline.plan import PlannedNode, make_plan
@@ -81,6 +81,12 @@ def total(config: SumConfig, inputs: Tables, context: Context) -> Tables:
     return {"numbers": _numbers(context, np.zeros(1), np.array([to_numpy(inputs["numbers"]["value"]).sum()]))}
 
 
+def judge(config: SumConfig, inputs: Tables, context: Context) -> Tables:
+    file = Path(inputs["truth"]["source_file"][0].as_py())
+    error = to_numpy(inputs["numbers"]["value"]) - pa.parquet.read_table(file)["total"][0].as_py()
+    return {"numbers": _numbers(context, np.zeros(1), error)}
+
+
 def toy_dag(version: int = 1) -> Dag:
     numbers = {"numbers": NUMBERS}
     dag = Dag()
@@ -89,6 +95,8 @@ def toy_dag(version: int = 1) -> Dag:
     dag.add("cut", cutting, sources=SOURCE_EDGE)
     dag.add("times", times, chunks="cut.chunks", numbers="cut.numbers")
     dag.add("total", Stage("sum", 1, SumConfig, numbers, numbers, total, "sequence"), numbers="times.numbers")
+    judging = Stage("judge", 1, SumConfig, {"truth": SOURCES, **numbers}, numbers, judge, "sequence")
+    dag.add("error", judging, truth=TRUTH_EDGE, numbers="total.numbers")
     return dag
 
 
@@ -106,6 +114,11 @@ class Toy:
         (self.folder / f"{name}.txt").write_text("\n".join(map(str, values)))
         self.names = [*dict.fromkeys([*self.names, name])]
 
+    def know(self, name: str, true_total: float) -> None:
+        """Give a recording its ground truth; without it, there is no node ``error``."""
+        (self.folder / f"{name}-truth").mkdir(exist_ok=True)
+        pa.parquet.write_table(pa.table({"total": [true_total]}), self.folder / f"{name}-truth" / "total.parquet")
+
     @property
     def workspace(self) -> Path:
         return self.folder / "work"
@@ -116,13 +129,13 @@ class Toy:
 
     def config(self) -> RunConfig:
         config = RunConfig(
-            seq="all", target="total", manifest=None, workspace=self.workspace, run="",
+            seq="all", target="error", manifest=None, workspace=self.workspace, run="",
             gc=GcConfig(keep_runs=10, dry_run=False),
             rig=RigConfig(calibration=None, videos=None),
             executor=ExecutorConfig(name="serial", num_workers=1, memory_limit="auto"),
         )  # fmt: skip
         config._dag = toy_dag(self.version)
-        config._stages = {"cut": CutConfig(), "sum": SumConfig(),
+        config._stages = {"cut": CutConfig(), "sum": SumConfig(), "judge": SumConfig(),
                           "multiply": MultiplyConfig(factor=self.factor, is_rounded=self.is_rounded)}  # fmt: skip
         return config
 
@@ -132,11 +145,12 @@ class Toy:
         works = []
         for name in self.names:
             file = self.folder / f"{name}.txt"
-            recording = Recording(name, file, {"numbers": file})
-            nodes = config.dag.upto(("total",))
-            works.append(
-                SequenceWork(config, recording, recording.source_rows(digests), nodes, self.workspace / "logs")
-            )
+            truth = self.folder / f"{name}-truth"
+            recording = Recording(name, file, {"numbers": file}, ground_truth=truth if truth.is_dir() else None)
+            origins = recording.origin_rows(digests)
+            absent = [edge for edge, rows in origins.items() if not rows]
+            nodes = config.dag.upto(("total", "error"), absent)
+            works.append(SequenceWork(config, recording, origins, nodes, self.workspace / "logs"))
         return works
 
     def plan(self) -> dict[tuple[str, str], PlannedNode]:

@@ -1,7 +1,7 @@
 import pytest
 
 from assemblyhands_core.data.catalog import CHUNKS, SOURCES, VIEWS
-from pipeline.dag import SOURCE_EDGE, TARGETS, Dag, build_dag
+from pipeline.dag import SOURCE_EDGE, TARGETS, TRUTH_EDGE, Dag, build_dag
 from stages._contract import Stage, StageConfig
 
 
@@ -18,6 +18,24 @@ def test_the_pipeline_has_the_nodes_that_others_rely_on() -> None:
 def test_a_target_takes_what_it_needs_and_no_more() -> None:
     assert [node.name for node in build_dag().upto(("audit",))] == ["ingest", "audit"]
     assert [node.name for node in build_dag().upto(("detect_hands",))] == ["ingest", "undistort", "detect_hands"]
+
+
+def test_an_absent_origin_takes_out_all_that_it_leads_to() -> None:
+    dag = Dag()
+    dag.add("first", _stage(sources=SOURCES), sources=SOURCE_EDGE)
+    dag.add("judged", _stage(truth=SOURCES, chunks=CHUNKS), truth=TRUTH_EDGE, chunks="first.chunks")
+    dag.add("report", _stage(chunks=CHUNKS), chunks="judged.chunks")
+    dag.add("last", _stage(chunks=CHUNKS), chunks="first.chunks")
+    assert [node.name for node in dag.upto(("report", "last"))] == ["first", "judged", "report", "last"]
+    assert [node.name for node in dag.upto(("report", "last"), (TRUTH_EDGE,))] == ["first", "last"]
+    assert dag.upto(("report",), (TRUTH_EDGE,)) == []
+
+
+def test_what_annotates_does_not_depend_on_the_truth() -> None:
+    dag = build_dag()
+    readers = {node.name for node in dag.nodes.values() if TRUTH_EDGE in node.inputs.values()}
+    assert {dag.nodes[name].stage.name for name in readers} <= {"evaluate"}
+    assert not any(readers.intersection(node.upstream) for node in dag.nodes.values())
 
 
 @pytest.mark.parametrize(

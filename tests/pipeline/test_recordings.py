@@ -4,6 +4,7 @@ import pytest
 
 from assemblyhands_core.data.digests import FileDigests
 from pipeline.config import ExecutorConfig, GcConfig, RigConfig, RunConfig, UserError
+from pipeline.dag import SOURCE_EDGE, TRUTH_EDGE
 from pipeline.recordings import select_recordings
 
 HEADER = "sequence_id,split,calibration,videos,package\n"
@@ -41,13 +42,40 @@ def test_names_lists_globs_and_all(folder: Path, seq: str, names: list[str]) -> 
 def test_cameras_are_named_by_their_files(folder: Path) -> None:
     recording = select_recordings(_config(folder, "s1"))[0]
     assert recording.videos == {"camA": folder / "s1/camA.mp4", "camB": folder / "s1/camB.mp4"}
-    rows = recording.source_rows(FileDigests(folder / "memory.json"))
+    rows = recording.origin_rows(FileDigests(folder / "memory.json"))[SOURCE_EDGE]
     assert [(row["role"], row["name"]) for row in rows] == [
         ("calibration", "calibration"),
         ("video", "camA"),
         ("video", "camB"),
     ]
     assert len({row["sha256"] for row in rows}) == 3
+
+
+def test_what_is_true_stands_apart_from_what_is_given(folder: Path) -> None:
+    known = folder / "s1/truth"
+    known.mkdir()
+    for name in ("true_joints", "true_instants"):
+        (known / f"{name}.parquet").write_bytes(name.encode())
+    text = (
+        HEADER.strip() + ",ground_truth\ns1,test,s1/calib.json,s1/*.mp4,,s1/truth\ns2,test,s2/calib.json,s2/*.mp4,,\n"
+    )
+    (folder / "set.csv").write_text("\n".join([HEADER.strip() + ",ground_truth", *rows]))
+    with_truth, without = (
+        recording.origin_rows(FileDigests(folder / "memory.json"))
+        for recording in select_recordings(_config(folder, "all"))
+    )
+    assert [(row["role"], row["name"]) for row in with_truth[TRUTH_EDGE]] == [
+        ("ground_truth", "true_instants"),
+        ("ground_truth", "true_joints"),
+    ]
+    assert without[TRUTH_EDGE] == () and len(with_truth[SOURCE_EDGE]) == len(without[SOURCE_EDGE]) == 3
+
+
+@pytest.mark.parametrize("column", ["keypoints", "ground_truth"])
+def test_a_folder_that_is_not_there_is_named(folder: Path, column: str) -> None:
+    (folder / "set.csv").write_text(f"{HEADER.strip()},{column}\ns1,test,s1/calib.json,s1/*.mp4,,gone\n")
+    with pytest.raises(UserError, match=f"sequence s1: the folder of {column} .*gone does not exist"):
+        select_recordings(_config(folder, "s1"))
 
 
 def test_a_rig_of_ones_own_needs_no_manifest(folder: Path) -> None:

@@ -7,6 +7,7 @@ import pytest
 from assemblyhands_core.data.digests import FileDigests
 from assemblyhands_core.data.studio_tables import TAKES
 from pipeline.config import ExecutorConfig, GcConfig, RigConfig, RunConfig, UserError
+from pipeline.dag import TAKE_EDGE
 from pipeline.recordings import select_recordings
 from pipeline.takes import absent_takes, select_takes
 
@@ -30,7 +31,7 @@ def row(rig: str = "assembly", duration: str = "2.5") -> str:
 
 def test_a_row_becomes_an_order(tmp_path: Path) -> None:
     (take,) = select_takes(config(tmp_path, row()))
-    rows = take.source_rows(FileDigests(tmp_path / "memory.json"))
+    rows = take.origin_rows(FileDigests(tmp_path / "memory.json"))[TAKE_EDGE]
     assert TAKES.from_rows(rows).to_pylist() == [
         {"sequence_id": NAME, "split": "test", "rig": "assembly", "duration_s": 2.5}
     ]

@@ -1,6 +1,12 @@
 import shutil
 from typing import Any
 
+import pytest
+
+from pipeline.config import UserError
+from pipeline.dag import SOURCE_EDGE, TRUTH_EDGE
+from pipeline.work import possible_nodes
+
 
 def test_a_sequence_reads_its_chunks_in_order_whichever_were_there(toy: Any) -> None:
     first = {f"{r.node} {r.shard}": r for r in toy.run()}
@@ -20,3 +26,29 @@ def test_a_damaged_cutting_table_is_made_anew(toy: Any) -> None:
     record.touch()  # so that only reading finds it
     statuses = toy.status(toy.run())
     assert statuses["cut one"] == "done" and statuses["total one"] == "reused"
+
+
+def test_another_truth_runs_nothing_but_what_reads_it(toy: Any) -> None:
+    assert "error one" not in toy.status(toy.run())
+    toy.know("one", 30.0)
+    statuses = toy.status(toy.run())
+    assert statuses.pop("error one") == "done" and set(statuses.values()) == {"reused"}
+    toy.know("one", 29.0)
+    statuses = toy.status(toy.run())
+    assert statuses.pop("error one") == "done" and set(statuses.values()) == {"reused"}
+    assert set(toy.status(toy.run()).values()) == {"reused"}
+
+
+def test_sequences_with_and_without_truth_run_side_by_side(toy: Any) -> None:
+    toy.record("two", 7, 8)
+    toy.know("two", 30.0)
+    statuses = toy.status(toy.run())
+    assert {"total one", "total two", "error two"} < set(statuses) and "error one" not in statuses
+    assert set(statuses.values()) == {"done"}
+
+
+def test_asking_for_nothing_but_what_needs_truth_is_refused_without_it(toy: Any) -> None:
+    config = toy.config()
+    with pytest.raises(UserError, match="sequence one comes without truth, which target=error needs"):
+        possible_nodes(config, "one", {SOURCE_EDGE: [{}], TRUTH_EDGE: []})
+    assert [node.name for node in possible_nodes(config, "one", {SOURCE_EDGE: [{}], TRUTH_EDGE: [{}]})][-1] == "error"
