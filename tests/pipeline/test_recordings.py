@@ -56,9 +56,7 @@ def test_what_is_true_stands_apart_from_what_is_given(folder: Path) -> None:
     known.mkdir()
     for name in ("true_joints", "true_instants"):
         (known / f"{name}.parquet").write_bytes(name.encode())
-    text = (
-        HEADER.strip() + ",ground_truth\ns1,test,s1/calib.json,s1/*.mp4,,s1/truth\ns2,test,s2/calib.json,s2/*.mp4,,\n"
-    )
+    rows = ("s1,test,s1/calib.json,s1/*.mp4,,s1/truth", "s2,test,s2/calib.json,s2/*.mp4,,")
     (folder / "set.csv").write_text("\n".join([HEADER.strip() + ",ground_truth", *rows]))
     with_truth, without = (
         recording.origin_rows(FileDigests(folder / "memory.json"))
