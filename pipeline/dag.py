@@ -8,11 +8,13 @@ from assemblyhands_core.data.catalog import CHUNKS, SOURCES
 from assemblyhands_core.data.studio_tables import TAKES
 from assemblyhands_core.data.tables import TableSpec
 from stages import (
+    annotate_round,
     audit_recording,
     crop_hands,
     deliver_recording,
     detect_hands,
     detect_keypoints,
+    draw_body_views,
     draw_crops,
     draw_overlays,
     film_take,
@@ -21,6 +23,7 @@ from stages import (
     plan_crops,
     preview_recording,
     script_take,
+    train_body_keypoints,
     train_keypoints,
     train_mvexonet,
     triangulate,
@@ -153,6 +156,8 @@ def _add_training(dag: Dag) -> None:
     dag.add("crop_plan", plan_crops.STAGE, takes=TAKE_EDGE)
     dag.add("training_crops", draw_crops.STAGE, takes=TAKE_EDGE, chunks="crop_plan.chunks")
     crops = {"crops": "training_crops.crops", "labels": "training_crops.labels"}
+    dag.add("body_views", draw_body_views.STAGE, takes=TAKE_EDGE, chunks="crop_plan.chunks")
+    dag.add("body_weights", train_body_keypoints.STAGE, labels="body_views.labels")
     dag.add("keypoint_weights", train_keypoints.STAGE, **crops)
     dag.add("mvexonet_weights", train_mvexonet.STAGE, **crops, start="keypoint_weights.weights")
 
@@ -185,6 +190,7 @@ def _add_annotation(dag: Dag) -> None:
         body_keypoints="detect_hands.body_keypoints",
     )
     dag.add("round_0", triangulate.STAGE, views="ingest.views", keypoints="detect_keypoints.keypoints")
+    _add_rounds(dag)
     dag.add(
         "quality",
         measure_quality.STAGE,
@@ -201,6 +207,23 @@ def _add_annotation(dag: Dag) -> None:
         body_keypoints="detect_hands.body_keypoints",
         joints="round_0.joints",
     )
+
+
+def _add_rounds(dag: Dag) -> None:
+    """Add how the joints of a round are the boxes and the root of the next one; the network stays the same."""
+    for number in (1, 2, 3):
+        before, earlier = number - 1, max(number - 2, 0)
+        dag.add(
+            f"round_{number}",
+            annotate_round.STAGE,
+            views="ingest.views",
+            rectified_views="undistort.rectified_views",
+            hand_boxes="detect_hands.hand_boxes",
+            crops="crop_hands.crops",
+            keypoints="detect_keypoints.keypoints",
+            joints=f"round_{before}.joints",
+            earlier_joints=f"round_{earlier}.joints",
+        )
 
 
 TARGETS: Final[Mapping[str, tuple[str, ...]]] = {

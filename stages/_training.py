@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 from pydantic import Field
@@ -48,10 +49,9 @@ class AugmentationConfig(StageConfig):
         return Augmentation(**{**self.model_dump(), **plain, "min_views": self.max_views})
 
 
-class TrainingConfig(StageConfig):
-    """Parameters of training, see `models.training.Schedule`."""
+class ScheduleConfig(StageConfig):
+    """Parameters of any training, see `training.loop.Schedule`."""
 
-    augmentation: AugmentationConfig
     held_out_share: float = Field(gt=0, lt=1)
     max_held_out: int = Field(ge=1)
     num_epochs: int = Field(ge=1)
@@ -72,25 +72,36 @@ class TrainingConfig(StageConfig):
         return Schedule(**{name: getattr(self, name) for name in (*names, "num_loaders", "seed", "devices")})
 
 
+class TrainingConfig(ScheduleConfig):
+    """Parameters of training on crops of hands."""
+
+    augmentation: AugmentationConfig
+
+
+def first_held_out(frames: Any, share: float) -> int:
+    """Return the frame from which on a set is held out: its last share."""
+    ordered = np.sort(np.asarray(frames))
+    return int(ordered[min(int((1 - share) * len(ordered)), len(ordered) - 1)])
+
+
 def data_sets(config: TrainingConfig, inputs: Tables, size_px: int) -> tuple[HandCrops, HandCrops]:
     """Return what is learnt from and what is held out: the last share of a set's frames, so of other takes."""
-    frames = to_numpy(inputs["labels"]["frame"])
-    first_held_out = int(sorted(frames.tolist())[min(int((1 - config.held_out_share) * len(frames)), len(frames) - 1)])
+    border = first_held_out(to_numpy(inputs["labels"]["frame"]), config.held_out_share)
 
     def part(condition: Any, augmentation: Augmentation) -> HandCrops:
         crops, labels = (inputs[name].filter(condition) for name in ("crops", "labels"))
         return HandCrops.of(crops, labels, augmentation, size_px, config.seed)
 
     frame = pc.field("frame")
-    training = part(frame < first_held_out, config.augmentation.augmentation())
-    held_out = part(frame >= first_held_out, config.augmentation.judging())
+    training = part(frame < border, config.augmentation.augmentation())
+    held_out = part(frame >= border, config.augmentation.judging())
     return training, held_out.spread(config.max_held_out)
 
 
 def fitted(
     network: "MVExoNet | HandKeypointNet",
     task: "Task",
-    config: TrainingConfig,
+    config: ScheduleConfig,
     context: Context,
     card: Mapping[str, Any],
     unit: str,

@@ -15,15 +15,12 @@ from assemblyhands_core.data.catalog import CHUNKS, CROPS, HAND_LABELS
 from assemblyhands_core.data.crop_images import encode_jpeg
 from assemblyhands_core.data.studio_tables import TAKES
 from assemblyhands_core.synthetic.crop_boxes import AroundHand
-from assemblyhands_core.synthetic.crop_draws import TrainingTake, draw_training_take
+from assemblyhands_core.synthetic.crop_draws import TrainingTake, draw_training_take, training_subject
 from assemblyhands_core.synthetic.crop_mode import HandViews
 from assemblyhands_core.synthetic.rig import RIGS
 from stages._contract import Context, Stage, StageConfig, Tables
 
-FIRST_SUBJECT: Final = {"train": 2000, "val": 3000, "test": 4000}
-"""Persons by split; no recording of the manifests has a participant of these numbers."""
 _VIEW_STREAM: Final = 0x71E5
-_NUM_SUBJECTS: Final = 1000
 
 
 class DrawCropsConfig(StageConfig):
@@ -40,11 +37,8 @@ class DrawCropsConfig(StageConfig):
 def run(config: DrawCropsConfig, inputs: Tables, context: Context) -> Tables:
     """Draw both hands at the instants of one take."""
     (order,), (chunk,) = inputs["takes"].to_pylist(), inputs["chunks"].to_pylist()
-    if order["split"] not in FIRST_SUBJECT:
-        raise ValueError(
-            f"sequence {context.sequence_id} has the split {order['split']}; crops are of {', '.join(FIRST_SUBJECT)}"
-        )
-    take = _take(order, chunk)
+    subject = training_subject(order["split"], chunk["chunk"])
+    take = draw_training_take(subject, chunk["chunk"], order["rig"], num_instants=chunk["num_frames"])
     box = AroundHand(config.gamma, config.gamma_spread, config.center_spread)
     crops: list[dict[str, Any]] = []
     labels: list[dict[str, Any]] = []
@@ -55,11 +49,6 @@ def run(config: DrawCropsConfig, inputs: Tables, context: Context) -> Tables:
         crops += [name | row for row in _crop_rows(config, views, camera_ids)]
         labels.append(name | _label(views))
     return {"crops": CROPS.from_rows(crops), "labels": HAND_LABELS.from_rows(labels)}
-
-
-def _take(order: dict[str, Any], chunk: dict[str, Any]) -> TrainingTake:
-    subject = FIRST_SUBJECT[order["split"]] + chunk["chunk"] % _NUM_SUBJECTS
-    return draw_training_take(subject, chunk["chunk"], order["rig"], num_instants=chunk["num_frames"])
 
 
 def _chosen_views(config: DrawCropsConfig, take: TrainingTake) -> tuple[str, ...]:

@@ -191,6 +191,25 @@ HAND_LABELS: Final = TableSpec(
         ]
     ),
 )
+ROUNDS: Final = TableSpec(
+    "rounds",
+    1,
+    ("sequence_id", "frame", "hand", "round"),
+    pa.schema(
+        [
+            *_HAND,
+            ("round", pa.int8()),
+            ("box_source", _TEXT),  # what the windows are around: joints of the round before, detected
+            ("num_views", pa.int8()),  # whose windows the network was, or would be, shown
+            ("is_crop_outside", _FLAG),  # a window leaves its stored crop
+            ("confidence", pa.float32()),  # mean over the joints of the new estimate, NaN where none was made
+            ("displacement_mm", pa.float32()),  # mean over its joints from the round before, 0 where none was needed
+            ("kept_round", pa.int8()),  # whose joints this round gives: its own, or an earlier one's
+            ("reason", _TEXT),  # why they are not its own, or why there are none
+            ("note", _TEXT),  # the same with figures
+        ]
+    ),
+)
 RESIDUALS: Final = TableSpec(
     "residuals",
     1,
@@ -200,6 +219,20 @@ RESIDUALS: Final = TableSpec(
             *_HAND_VIEW,
             ("residual_px", _each(pa.float32(), NUM_JOINTS)),
             ("is_inlier", _each(_FLAG, NUM_JOINTS)),
+        ]
+    ),
+)
+BODY_LABELS: Final = TableSpec(
+    "body_labels",
+    1,
+    ("sequence_id", "frame", "camera_id"),
+    pa.schema(
+        [
+            *_INSTANT,
+            ("camera_id", _TEXT),
+            ("image", pa.binary()),  # the whole picture, reduced
+            ("body_px", _each(pa.float32(), 2 * NUM_BODY_KEYPOINTS)),  # in that picture
+            ("valid", _each(_FLAG, NUM_BODY_KEYPOINTS)),
         ]
     ),
 )

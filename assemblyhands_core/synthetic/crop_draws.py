@@ -23,6 +23,21 @@ _STREAM: Final = 0x7A1E
 _FIRST_TAKE_SEED: Final = 2**32
 _FIRST_DAY_SEED: Final = 10**9
 
+FIRST_SUBJECT: Final = {"train": 2000, "val": 3000, "test": 4000}
+"""Persons by split; no recording of the manifests has a participant of these numbers."""
+NUM_SUBJECTS: Final = 1000
+
+
+def training_subject(split: str, take: int) -> int:
+    """Return who works in a take of a split.
+
+    Raises:
+        ValueError: There is no such split.
+    """
+    if split not in FIRST_SUBJECT:
+        raise ValueError(f"There is no split {split} of takes for training: choose {', '.join(FIRST_SUBJECT)}.")
+    return FIRST_SUBJECT[split] + take % NUM_SUBJECTS
+
 
 @dataclass(frozen=True)
 class TrainingTake:

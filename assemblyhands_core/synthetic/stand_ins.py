@@ -6,17 +6,16 @@ hand's size, hidden ones by more, some of them grossly; confidence tells which, 
 """
 
 import zlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from typing import Any, Final
 
 import numpy as np
 from jaxtyping import Float64
 
 from assemblyhands_core.data.names import ego_serial
-from assemblyhands_core.geometry import transforms
 from assemblyhands_core.geometry.cameras import Camera
-from assemblyhands_core.hands.body import BODY_KEYPOINT_NAMES
 from assemblyhands_core.hands.joints import HANDS
+from assemblyhands_core.synthetic.body_keypoints import body_keypoints_mm
 from assemblyhands_core.synthetic.session import Shot
 
 VISIBLE_NOISE: Final = 0.02
@@ -28,15 +27,6 @@ BODY_NOISE_PX: Final = 5.0
 MIN_JOINTS: Final = 6
 """A hand of which fewer joints are in the picture is not found."""
 
-# Of the head, in the headset's frame: x to the wearer's right, y down, z ahead.
-_HEAD_MM: Final[Mapping[str, tuple[float, float, float]]] = {
-    "nose": (0.0, 25.0, 100.0),
-    "left_eye": (-32.0, -12.0, 85.0),
-    "right_eye": (32.0, -12.0, 85.0),
-    "left_ear": (-74.0, 0.0, 0.0),
-    "right_ear": (74.0, 0.0, 0.0),
-}
-_HIP_MM: Final = 95.0  # to either side of the trunk's origin
 _HAND_STREAM, _BODY_STREAM = 0x4A4D, 0xB0D1
 
 
@@ -61,7 +51,7 @@ def stand_in_hands(sequence_id: str, shot: Shot) -> Iterator[dict[str, Any]]:
 
 def stand_in_bodies(sequence_id: str, shot: Shot) -> Iterator[dict[str, Any]]:
     """Yield rows of `studio_tables.STAND_IN_BODIES`: the person as every fixed camera has it, without the legs."""
-    points = _body_mm(shot)
+    points = body_keypoints_mm(shot.state)
     known = np.isfinite(points).all(axis=-1)
     for name, camera in _fixed(shot).items():
         rng = _rng(sequence_id, shot, name, _BODY_STREAM)
@@ -90,20 +80,6 @@ def _disturbed(
     found = np.where(is_gross[:, None], rng.uniform(low, high, pixels.shape), found)
     confidence = np.where(is_unoccluded, rng.uniform(0.6, 0.95, len(pixels)), rng.uniform(0.25, 0.7, len(pixels)))
     return found, confidence
-
-
-def _body_mm(shot: Shot) -> Float64[np.ndarray, "keypoint=17 3"]:
-    """Return the body's keypoints in the world, COCO-17; NaN where the studio has none."""
-    posture, state = shot.state.posture, shot.state
-    T_world_from_headset = transforms.inverse(state.T_headset_from_world)
-    points = {name: transforms.apply(T_world_from_headset, np.array(place)) for name, place in _HEAD_MM.items()}
-    for hand, side in (("right", 1.0), ("left", -1.0)):
-        points[f"{hand}_hip"] = transforms.apply(posture.T_world_from_trunk, np.array([0.0, 0.0, side * _HIP_MM]))
-    for hand in HANDS:
-        points[f"{hand}_shoulder"] = posture.shoulders_mm[hand]
-        points[f"{hand}_elbow"] = posture.elbows_mm[hand]
-        points[f"{hand}_wrist"] = posture.wrists_mm[hand]
-    return np.stack([points.get(name, np.full(3, np.nan)) for name in BODY_KEYPOINT_NAMES])
 
 
 def _fixed(shot: Shot) -> dict[str, Camera]:

@@ -6,7 +6,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from assemblyhands_core.models.hand_keypoints import HandKeypointNet
+from assemblyhands_core.models.hand_keypoints import HandKeypointNet, KeypointEstimate
 from assemblyhands_core.models.mvexonet import HandEstimate, MVExoNet
 from assemblyhands_core.training.loop import Batch, EpochData, Task
 
@@ -28,6 +28,23 @@ def keypoint_task(network: HandKeypointNet, training: EpochData, held_out: Epoch
     return Task(network, loss, error, training, held_out)
 
 
+def body_task(network: HandKeypointNet, training: EpochData, held_out: EpochData) -> Task:
+    """Return the body network's task: keypoints in whole pictures, judged in their pixels."""
+
+    def estimate(batch: Batch) -> tuple[KeypointEstimate, Tensor]:
+        is_left = torch.zeros(len(batch["images"]), dtype=torch.bool, device=batch["images"].device)
+        return network(images_of(batch), is_left), is_left
+
+    def loss(batch: Batch) -> Tensor:
+        found, is_left = estimate(batch)
+        return network.loss(found, batch["pixels"], batch["is_valid"], is_left)
+
+    def error(batch: Batch) -> tuple[Tensor, Tensor]:
+        return mean_distance(estimate(batch)[0].pixels, batch["pixels"], batch["is_valid"])
+
+    return Task(network, loss, error, training, held_out)
+
+
 def mvexonet_task(network: MVExoNet, training: EpochData, held_out: EpochData) -> Task:
     """Return MVExoNet's task: joints of hands seen by several views, judged in mm."""
 
@@ -45,7 +62,7 @@ def mvexonet_task(network: MVExoNet, training: EpochData, held_out: EpochData) -
     return Task(network, loss, error, training, held_out)
 
 
-def images_of(batch: Batch) -> Float[Tensor, "batch view 3 size size"]:
+def images_of(batch: Batch) -> Float[Tensor, "batch *view 3 height width"]:
     """Return a batch's pictures as networks take them: RGB in [0, 1], channels first."""
     return batch["images"].movedim(-1, -3).float() / 255.0
 
