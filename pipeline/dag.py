@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from assemblyhands_core.data.catalog import CHUNKS, SOURCES
-from assemblyhands_core.data.studio_tables import TAKES
+from assemblyhands_core.data.studio_tables import CROP_ORDERS, TAKES
 from assemblyhands_core.data.tables import TableSpec
 from stages import (
     annotate_round,
@@ -17,6 +17,7 @@ from stages import (
     draw_body_views,
     draw_crops,
     draw_overlays,
+    evaluate,
     film_take,
     ingest,
     measure_quality,
@@ -34,7 +35,13 @@ from stages._contract import Stage
 SOURCE_EDGE: Final = "sources"  # the recording's own files, as the engine finds them
 TAKE_EDGE: Final = "takes"  # what the studio is to record, as the manifest orders it
 TRUTH_EDGE: Final = "truth"  # files of the recording's ground truth, which evaluation alone may read
-ORIGINS: Final[Mapping[str, TableSpec]] = {SOURCE_EDGE: SOURCES, TAKE_EDGE: TAKES, TRUTH_EDGE: SOURCES}
+CROP_EDGE: Final = "crop_orders"  # which crops the studio is to draw for training, as the manifest orders it
+ORIGINS: Final[Mapping[str, TableSpec]] = {
+    SOURCE_EDGE: SOURCES,
+    TAKE_EDGE: TAKES,
+    CROP_EDGE: CROP_ORDERS,
+    TRUTH_EDGE: SOURCES,
+}
 """Edges that come from outside, and their tables."""
 
 
@@ -99,9 +106,9 @@ class Dag:
                 wanted.update(node.upstream)
         return [node for node in self.nodes.values() if node.name in wanted]
 
-    def starts_in_studio(self, targets: tuple[str, ...]) -> bool:
-        """Tell whether targets start from a manifest's orders instead of files."""
-        return any(TAKE_EDGE in node.inputs.values() for node in self.upto(targets))
+    def reads(self, edge: str, targets: tuple[str, ...]) -> bool:
+        """Tell whether targets start from one of `ORIGINS`."""
+        return any(edge in node.inputs.values() for node in self.upto(targets))
 
     def _chunk_edge(self, upstream: Mapping[str, str]) -> str:
         nodes = [self.nodes[name] for name in upstream]
@@ -153,10 +160,10 @@ def _add_studio(dag: Dag) -> None:
 
 def _add_training(dag: Dag) -> None:
     """Add how networks are trained on crops (paper, Sec. 3.1)."""
-    dag.add("crop_plan", plan_crops.STAGE, takes=TAKE_EDGE)
-    dag.add("training_crops", draw_crops.STAGE, takes=TAKE_EDGE, chunks="crop_plan.chunks")
+    dag.add("crop_plan", plan_crops.STAGE, orders=CROP_EDGE)
+    dag.add("training_crops", draw_crops.STAGE, orders=CROP_EDGE, chunks="crop_plan.chunks")
     crops = {"crops": "training_crops.crops", "labels": "training_crops.labels"}
-    dag.add("body_views", draw_body_views.STAGE, takes=TAKE_EDGE, chunks="crop_plan.chunks")
+    dag.add("body_views", draw_body_views.STAGE, orders=CROP_EDGE, chunks="crop_plan.chunks")
     dag.add("body_weights", train_body_keypoints.STAGE, labels="body_views.labels")
     dag.add("keypoint_weights", train_keypoints.STAGE, **crops)
     dag.add("mvexonet_weights", train_mvexonet.STAGE, **crops, start="keypoint_weights.weights")
@@ -200,6 +207,7 @@ def _add_annotation(dag: Dag) -> None:
         joints="round_0.joints",
         residuals="round_0.residuals",
     )
+    dag.add("evaluation_0", evaluate.STAGE, truth=TRUTH_EDGE, joints="round_0.joints")
     dag.add(
         "overlay",
         draw_overlays.STAGE,
@@ -227,7 +235,7 @@ def _add_rounds(dag: Dag) -> None:
 
 
 TARGETS: Final[Mapping[str, tuple[str, ...]]] = {
-    "annotate": ("quality", "overlay"),
+    "annotate": ("quality", "overlay", "evaluation_0"),
     "doctor": ("audit",),
     "undistort": ("undistort",),
     "simulate": ("delivery", "preview"),

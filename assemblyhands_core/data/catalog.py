@@ -258,6 +258,41 @@ QUALITY: Final = TableSpec(
         [*_SEQUENCE, ("table", _TEXT), ("row", _TEXT), ("metric", _TEXT), ("value", pa.float64()), ("n", pa.int64())]
     ),
 )
+ERRORS: Final = TableSpec(
+    "errors",
+    1,
+    ("sequence_id", "frame", "hand", "method"),
+    pa.schema(
+        [
+            *_HAND,
+            ("method", _TEXT),  # 2d_triangulation, R1, ...: a row of the paper's tables
+            ("error_mm", _each(pa.float32(), NUM_JOINTS)),  # distance to the truth; NaN where the joint is missing
+            ("wrist_relative_error_mm", _each(pa.float32(), NUM_JOINTS)),  # with both wrists moved to the origin
+            ("is_labelled", _each(_FLAG, NUM_JOINTS)),  # the truth is known
+            ("verb", _TEXT),  # what is being done; empty between actions
+            ("occlusion_rate", pa.float32()),  # of both hands' joints over the exocentric views, NaN if unknown
+        ]
+    ),
+)
+EVALUATION: Final = TableSpec(
+    "evaluation",
+    1,
+    ("sequence_id", "table", "group", "row", "metric"),
+    pa.schema(
+        [
+            *_SEQUENCE,
+            ("table", _TEXT),  # annotation, annotation_by_finger, ...
+            ("group", _TEXT),  # which finger, verb, ...; empty in the table over all
+            ("row", _TEXT),  # the method
+            ("metric", _TEXT),
+            ("value", pa.float64()),
+            ("low", pa.float64()),  # 95 % interval; NaN where there are too few instants for one
+            ("high", pa.float64()),
+            ("n", pa.int64()),  # joints that the value is of
+            ("coverage", pa.float64()),  # found among the labelled joints, in percent
+        ]
+    ),
+)
 OVERLAYS: Final = TableSpec(
     "overlays",
     1,

@@ -3,7 +3,7 @@
 Errors of neighbouring frames, and of the joints of one hand, go together; so whole blocks are drawn again (stretches of
 a sequence, or whole sequences), never single joints. Methods are compared in pairs: the same draws serve both, so that
 what is hard for both cancels out. Percentile intervals (Efron & Tibshirani, *An Introduction to the Bootstrap*, 1993,
-ch. 13); with fewer than about ten blocks they are too narrow, with fewer than two they are NaN.
+ch. 13); with fewer than about ten blocks they are too narrow, with fewer than five they are NaN.
 """
 
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from jaxtyping import Float, Int, Num, Shaped
 
 Weights = Float[np.ndarray, "resample block"]
 Values = Float[np.ndarray, "..."]
-_MIN_BLOCKS: Final = 2
+_MIN_BLOCKS: Final = 5
 
 
 @dataclass(frozen=True, eq=False)
