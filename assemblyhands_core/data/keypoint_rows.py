@@ -5,15 +5,22 @@ from collections.abc import Sequence
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
-from jaxtyping import Float64, Int64
+from jaxtyping import Float, Float64, Int64
 
 from assemblyhands_core.data.arrays import to_numpy
+from assemblyhands_core.geometry.cameras import Camera
 from assemblyhands_core.hands.joints import HANDS, NUM_JOINTS
 
 
 def hand_codes(table: pa.Table) -> Int64[np.ndarray, " row"]:
     """Return one number for the hand and instant of each row, ascending by frame, right before left."""
     return np.asarray(to_numpy(table["frame"]) * len(HANDS) + positions(table["hand"], HANDS), dtype=np.int64)
+
+
+def rows_of_hands(table: pa.Table, hands: pa.Table) -> Int64[np.ndarray, " row"]:
+    """Return in which row of another table, which has each hand and instant once, each row's is; -1 in none."""
+    places = {code: row for row, code in enumerate(hand_codes(hands).tolist())}
+    return np.array([places.get(code, -1) for code in hand_codes(table).tolist()], dtype=np.int64)
 
 
 def positions(column: pa.ChunkedArray, values: Sequence[str]) -> Int64[np.ndarray, " row"]:
@@ -49,3 +56,14 @@ def keypoints_by_view(
     is_seen = np.isfinite(pixels).all(axis=-1) & (confidence >= min_confidence) & (confidence > 0)
     pixels[~is_seen], confidence[~is_seen] = np.nan, 0.0
     return pixels, confidence
+
+
+def distances_px(
+    joints_world_mm: Float[np.ndarray, "hand joint=21 3"],
+    cameras: Sequence[Camera],
+    pixels: Float[np.ndarray, "hand view joint=21 2"],
+) -> Float64[np.ndarray, "hand view joint=21"]:
+    """Return how far projected joints are from 2D keypoints, NaN where either is unknown."""
+    projected = [camera.project(joints_world_mm.astype(np.float64)) for camera in cameras]
+    by_view = [np.linalg.norm(seen - pixels[:, view], axis=-1) for view, seen in enumerate(projected)]
+    return np.stack(by_view, axis=1) if by_view else np.empty((len(pixels), 0, NUM_JOINTS))

@@ -1,0 +1,112 @@
+"""When a new estimate of a hand is not to be believed: it jumped, took the other hand, or is no hand.
+
+Refinement feeds on its own output, so that an error once made would be carried on from round to round.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from assemblyhands_core.hands.joints import ROOT, WRIST
+from assemblyhands_core.hands.kinematics import HandSkeleton, bone_lengths_mm
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What is still believed.
+
+    Attributes:
+        max_displacement_mm: Of root and wrist between two rounds.
+        max_body_distance_mm: From the root to where the body says that the hand is.
+        min_size, max_size: Sum of all bones over that of a mean adult's hand.
+        max_bone_mm: Longest bone.
+        max_reprojection_ratio: Reprojection error over that of the round before.
+        min_reprojection_px: Errors below are never too large.
+    """
+
+    max_displacement_mm: float
+    max_body_distance_mm: float
+    min_size: float
+    max_size: float
+    max_bone_mm: float
+    max_reprojection_ratio: float
+    min_reprojection_px: float
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """A new estimate and what it came from; NaN where unknown, which is held against nobody.
+
+    Attributes:
+        joints_world_mm: The new estimate.
+        root_world_mm: Root that it was made around.
+        wrist_world_mm: Wrist of the round before.
+        other_root_world_mm: The other hand's root in the round before.
+        body_center_world_mm: Where the body says that the hand is.
+        reprojection_px: Of the new estimate against the 2D keypoints.
+        previous_reprojection_px: Of the round before against the same ones.
+    """
+
+    joints_world_mm: Float[np.ndarray, "joint=21 3"]
+    root_world_mm: Float[np.ndarray, "3"]
+    wrist_world_mm: Float[np.ndarray, "3"]
+    other_root_world_mm: Float[np.ndarray, "3"]
+    body_center_world_mm: Float[np.ndarray, "3"]
+    reprojection_px: float
+    previous_reprojection_px: float
+
+
+class Divergence(NamedTuple):
+    """Why an estimate is not believed: the name of the reason, and a note with the value."""
+
+    reason: str
+    note: str
+
+
+def divergence(step: Step, limits: Limits) -> Divergence | None:
+    """Return the first reason not to believe an estimate, none if there is none."""
+    return _bones(step, limits) or _jump(step, limits) or _place(step, limits) or _reprojection(step, limits)
+
+
+def _bones(step: Step, limits: Limits) -> Divergence | None:
+    lengths_mm = bone_lengths_mm(step.joints_world_mm)
+    size = float(lengths_mm.sum() / HandSkeleton.average().bone_lengths_mm.sum())
+    longest_mm = float(lengths_mm.max())
+    if not limits.min_size <= size <= limits.max_size:
+        return Divergence("implausible_bones", f"{size:.2f} of a mean hand's size")
+    if longest_mm > limits.max_bone_mm:
+        return Divergence("implausible_bones", f"a bone of {longest_mm:.0f} mm")
+    return None
+
+
+def _jump(step: Step, limits: Limits) -> Divergence | None:
+    root_mm = _distance(step.joints_world_mm[ROOT], step.root_world_mm)
+    wrist_mm = _distance(step.joints_world_mm[WRIST], step.wrist_world_mm)
+    for name, distance_mm in (("root", root_mm), ("wrist", wrist_mm)):
+        if distance_mm > limits.max_displacement_mm:
+            return Divergence("jumped", f"its {name} jumped {distance_mm:.0f} mm")
+    return None
+
+
+def _place(step: Step, limits: Limits) -> Divergence | None:
+    root = step.joints_world_mm[ROOT]
+    own_mm, other_mm = _distance(root, step.root_world_mm), _distance(root, step.other_root_world_mm)
+    if other_mm < own_mm:
+        return Divergence("other_hand", f"{own_mm:.0f} mm from where it was, {other_mm:.0f} mm from the other hand")
+    body_mm = _distance(root, step.body_center_world_mm)
+    if body_mm > limits.max_body_distance_mm:
+        return Divergence("left_body", f"{body_mm:.0f} mm from the body's hand")
+    return None
+
+
+def _reprojection(step: Step, limits: Limits) -> Divergence | None:
+    now_px, before_px = step.reprojection_px, step.previous_reprojection_px
+    if now_px > limits.min_reprojection_px and now_px > limits.max_reprojection_ratio * before_px:
+        return Divergence("high_reprojection", f"{now_px:.1f} px from the 2D keypoints, before {before_px:.1f} px")
+    return None
+
+
+def _distance(a: Float[np.ndarray, "3"], b: Float[np.ndarray, "3"]) -> float:
+    return float(np.linalg.norm(a - b))

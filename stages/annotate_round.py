@@ -1,0 +1,227 @@
+"""Annotate hands with MVExoNet once: from the joints of one round to those of the next (paper, Sec. 3.1, supplement B).
+
+The network is frozen; only windows and root change from round to round. An estimate that cannot be believed does not
+count: then the joints of the round before are kept, and the table `rounds` says why.
+"""
+
+from collections.abc import Mapping, Sequence
+from itertools import compress
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import Field
+
+from assemblyhands_core.data.arrays import to_numpy
+from assemblyhands_core.data.camera_rows import valid_cameras
+from assemblyhands_core.data.catalog import CROPS, HAND_BOXES, JOINTS, KEYPOINTS, RECTIFIED_VIEWS, ROUNDS, VIEWS
+from assemblyhands_core.data.digests import digest_file
+from assemblyhands_core.data.hand_crops import HandKey, stored_hands
+from assemblyhands_core.data.keypoint_rows import distances_px, keypoints_by_view, positions, rows_of_hands
+from assemblyhands_core.data.round_outcomes import (
+    CONVERGED,
+    NO_ROOT,
+    TOO_FEW_VIEWS,
+    RoundOutcome,
+    displacement_mm,
+    mean_of_known,
+)
+from assemblyhands_core.data.rounds import HandWindows, KnownHand, WindowRule, hand_windows, joints_or_nan, known_hands
+from assemblyhands_core.hands.divergence import Divergence, Limits, Step, divergence
+from assemblyhands_core.hands.joints import NUM_JOINTS, WRIST
+from assemblyhands_core.models.annotation import estimate_hands
+from assemblyhands_core.models.pretrained import load_mvexonet
+from stages._contract import Context, Stage, StageConfig, Tables
+
+_REPOSITORY: Final = Path(__file__).resolve().parents[1]
+
+Floats = npt.NDArray[np.floating[Any]]
+Texts = npt.NDArray[np.object_]
+
+
+class GuardConfig(StageConfig):
+    """What is still believed of an estimate, see `divergence.Limits`."""
+
+    max_displacement_mm: float = Field(gt=0)
+    max_body_distance_mm: float = Field(gt=0)
+    min_size: float = Field(ge=0)
+    max_size: float = Field(gt=0)
+    max_bone_mm: float = Field(gt=0)
+    max_reprojection_ratio: float = Field(ge=1)
+    min_reprojection_px: float = Field(ge=0)
+
+    def limits(self) -> Limits:
+        """Return it as the guard takes it."""
+        return Limits(**self.model_dump())
+
+
+class AnnotateRoundConfig(StageConfig):
+    """Parameters of a round, the same for all rounds."""
+
+    weights: str
+    gamma: float = Field(ge=1, le=6)
+    min_box_joints: int = Field(ge=2, le=NUM_JOINTS)
+    min_inside: float = Field(gt=0, le=1)
+    min_views: int = Field(ge=1)
+    min_confidence: float = Field(ge=0, le=1)
+    min_keypoint_confidence: float = Field(ge=0, le=1)
+    batch_size: int = Field(ge=1)
+    stop_below_mm: float = Field(ge=0)
+    guard: GuardConfig
+
+    @property
+    def weights_path(self) -> Path:
+        """Return where the weights are."""
+        return _REPOSITORY / self.weights
+
+    def window_rule(self) -> WindowRule:
+        """Return how windows are chosen."""
+        return WindowRule(self.gamma, self.min_box_joints, self.min_inside)
+
+
+def run(config: AnnotateRoundConfig, inputs: Tables, context: Context) -> Tables:
+    """Annotate one chunk of frames; one row for each hand and instant of the round before."""
+    previous = inputs["joints"]
+    if not previous.num_rows:
+        return {"joints": JOINTS.empty(), "rounds": ROUNDS.empty()}
+    known = known_hands(previous, inputs["hand_boxes"])
+    windows = _windows(config, known, inputs)
+    reason, note = _reasons_not_to_ask(config, windows, inputs)
+    joints, confidence = _asked(config, windows, reason == "", context)
+    cameras = valid_cameras(inputs["views"])
+    seen_px = _keypoints(config, inputs, list(cameras))
+    now_px, before_px = (
+        distances_px(points, list(cameras.values()), seen_px) for points in (joints, joints_or_nan(previous))
+    )
+    by_key = {hand.key: hand for hand in known}
+    for index in np.flatnonzero(reason == "").tolist():
+        doubt = _doubt(known[index], by_key, joints[index], now_px[index], before_px[index], config.guard.limits())
+        reason[index], note[index] = doubt or ("", "")
+    outcome = RoundOutcome(
+        previous=previous,
+        windows=windows,
+        joints_world_mm=joints,
+        confidence=confidence,
+        reprojection_px=mean_of_known(now_px, axis=1),
+        reason=reason,
+        note=note,
+        min_confidence=config.min_confidence,
+    )
+    return {"joints": outcome.joints(), "rounds": outcome.rounds()}
+
+
+def _windows(config: AnnotateRoundConfig, known: Sequence[KnownHand], inputs: Tables) -> list[HandWindows]:
+    rectified = valid_cameras(inputs["rectified_views"])
+    matrices = {name: camera.P_pixel_from_world for name, camera in rectified.items()}
+    stored = stored_hands(inputs["crops"])
+    return [hand_windows(hand, stored.get(hand.key), matrices, config.window_rule()) for hand in known]
+
+
+def _reasons_not_to_ask(
+    config: AnnotateRoundConfig, windows: Sequence[HandWindows], inputs: Tables
+) -> tuple[Texts, Texts]:
+    """Return for each hand why the network is not asked, empty where it is, and the same with figures."""
+    moved_mm = displacement_mm(joints_or_nan(inputs["joints"]), _earlier(inputs))
+    reason, note = (np.full(len(windows), "", dtype=object) for _ in range(2))
+    for index, hand in enumerate(windows):
+        if moved_mm[index] < config.stop_below_mm:
+            reason[index], note[index] = CONVERGED, f"moved {moved_mm[index]:.2f} mm in the round before"
+        elif len(hand.views) < config.min_views:
+            reason[index], note[index] = TOO_FEW_VIEWS, f"{len(hand.views)} views, {config.min_views} are needed"
+        elif not np.isfinite(hand.root_world_mm).all():
+            reason[index], note[index] = NO_ROOT, "neither its middle MCP nor the body says where it is"
+    return reason, note
+
+
+def _earlier(inputs: Tables) -> Floats:
+    """Return the joints (G, 21, 3) of the round before the previous one, NaN where there is none."""
+    previous, earlier = inputs["joints"], inputs["earlier_joints"]
+    place = rows_of_hands(previous, earlier)
+    is_earlier = place >= 0
+    is_earlier[is_earlier] = to_numpy(earlier["round"])[place[is_earlier]] < to_numpy(previous["round"])[is_earlier]
+    points = np.full((previous.num_rows, NUM_JOINTS, 3), np.nan)
+    points[is_earlier] = joints_or_nan(earlier)[place[is_earlier]]
+    return points
+
+
+def _keypoints(config: AnnotateRoundConfig, inputs: Tables, camera_ids: list[str]) -> Floats:
+    """Return the 2D keypoints (G, V, 21, 2) of the hands."""
+    keypoints, previous = inputs["keypoints"], inputs["joints"]
+    place = rows_of_hands(keypoints, previous), positions(keypoints["camera_id"], camera_ids)
+    shape = previous.num_rows, len(camera_ids)
+    return keypoints_by_view(keypoints, *place, *shape, config.min_keypoint_confidence)[0]
+
+
+def _asked(
+    config: AnnotateRoundConfig, windows: Sequence[HandWindows], is_asked: npt.NDArray[np.bool_], context: Context
+) -> tuple[Floats, Floats]:
+    """Return joints (G, 21, 3) and confidence (G, 21) that the network gives, NaN where it is not asked."""
+    joints, confidence = np.full((len(windows), NUM_JOINTS, 3), np.nan), np.full((len(windows), NUM_JOINTS), np.nan)
+    if is_asked.any():
+        hands = list(compress(windows, is_asked))
+        network = load_mvexonet(config.weights_path)
+        found = estimate_hands(network, hands, config.batch_size, context.num_threads)
+        joints[is_asked], confidence[is_asked] = found.joints_world_mm, found.confidence
+    return joints, confidence
+
+
+def _doubt(
+    hand: KnownHand,
+    by_key: Mapping[HandKey, KnownHand],
+    joints: Floats,
+    now_px: Floats,
+    before_px: Floats,
+    limits: Limits,
+) -> Divergence | None:
+    """Return why the estimate of a hand is not believed; both (V, 21) errors count where both are known."""
+    other = by_key.get(hand.other_key)
+    is_comparable = np.isfinite(before_px) & np.isfinite(now_px)
+    step = Step(
+        joints_world_mm=joints,
+        root_world_mm=hand.root_world_mm,
+        wrist_world_mm=hand.joints_world_mm[WRIST],
+        other_root_world_mm=np.full(3, np.nan) if other is None else other.root_world_mm,
+        body_center_world_mm=hand.center_world_mm,
+        reprojection_px=_median(now_px[is_comparable]),
+        previous_reprojection_px=_median(before_px[is_comparable]),
+    )
+    return divergence(step, limits)
+
+
+def _median(values: Floats) -> float:
+    return float(np.median(values)) if len(values) else float("nan")
+
+
+def _externals(config: AnnotateRoundConfig, sequence_id: str) -> Mapping[str, str]:
+    """Return the digest of the weights.
+
+    Raises:
+        ValueError: There is no such file.
+    """
+    if not config.weights_path.is_file():
+        raise ValueError(
+            f"There are no weights at {config.weights_path}: run `make train`, or say where they are by "
+            "annotate_round.weights=PATH."
+        )
+    return {"weights": digest_file(config.weights_path)}
+
+
+STAGE = Stage(
+    name="annotate_round",
+    version=1,
+    config=AnnotateRoundConfig,
+    inputs={
+        "views": VIEWS,
+        "rectified_views": RECTIFIED_VIEWS,
+        "hand_boxes": HAND_BOXES,
+        "crops": CROPS,
+        "keypoints": KEYPOINTS,
+        "joints": JOINTS,
+        "earlier_joints": JOINTS,
+    },
+    outputs={"joints": JOINTS, "rounds": ROUNDS},
+    run=run,
+    shard="chunk",
+    externals=_externals,
+)
