@@ -16,6 +16,7 @@ from assemblyhands_core.data.digests import FileDigests
 from assemblyhands_core.data.store import Store
 from pipeline import summary
 from pipeline.config import RunConfig, UserError
+from pipeline.evaluation import print_evaluation
 from pipeline.executors import open_executor, resolve_workers
 from pipeline.garbage import find_garbage
 from pipeline.history import History
@@ -70,14 +71,15 @@ def _run(config: RunConfig, console: Console, command_line: str) -> int:
     with _lock(config.workspace, exclusive=False):
         found = _run_until_whole(config, run, console)
         folder = write_view(config, run, found, command_line)
-        if config.target == "simulate":
+        if config.starts_in_studio:
             root = studio_folder(config.workspace)
             for name in publish(config, found, root):
                 _say(console, f"recorded: {name} in {root}")
     summary.print_audit(console, folder)
     summary.print_left_out(console, folder)
     summary.print_quality(console, folder)
-    summary.print_keypoints(console, [] if config.starts_in_studio else select_recordings(config))
+    print_evaluation(console, config, folder)
+    summary.print_keypoints(console, folder)
     summary.print_times(console, found, started)
     _say(console, f"results: {folder}")
     if all(result.has_entry for result in found):

@@ -9,7 +9,7 @@ from typing import Any, Literal
 from omegaconf import DictConfig, OmegaConf
 from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, ValidationError
 
-from pipeline.dag import TARGETS, Dag
+from pipeline.dag import CROP_EDGE, TAKE_EDGE, TARGETS, Dag
 from stages._contract import StageConfig
 
 CONF_FOLDER = Path(__file__).resolve().parents[1] / "conf"
@@ -72,7 +72,12 @@ class RunConfig(_Model):
     @property
     def starts_in_studio(self) -> bool:
         """Return whether the run starts from a manifest's orders instead of files."""
-        return self._dag.starts_in_studio(self.wanted_nodes)
+        return self.starts_from_crops or self._dag.reads(TAKE_EDGE, self.wanted_nodes)
+
+    @property
+    def starts_from_crops(self) -> bool:
+        """Return whether the run starts from orders of crops for training."""
+        return self._dag.reads(CROP_EDGE, self.wanted_nodes)
 
     @property
     def stages(self) -> Mapping[str, StageConfig]:

@@ -47,7 +47,13 @@ def find_garbage(workspace: Path, config: GcConfig) -> Garbage:
     old = [run for run in runs[config.keep_runs :] if run.resolve() != latest]
     kept_runs = [run for run in runs if run not in old]
     kept = set(_referenced(kept_runs))
-    entries = [path for path in store.entries() if (path.parent.name, path.name) not in kept]
+    seen_ns = max((path.stat().st_mtime_ns for run in runs for path in [run / "run.json"]), default=0)
+    # What is newer than every view belongs to a run that was killed and will go on.
+    entries = [
+        path
+        for path in store.entries()
+        if (path.parent.name, path.name) not in kept and path.stat().st_mtime_ns <= seen_ns
+    ]
     kept_names = {run.name for run in kept_runs}
     logs = [path for path in _subfolders(workspace / "logs") if path.name not in kept_names]
     drafts = [path for path in _subfolders(workspace / "runs") if path.name.startswith(".")]

@@ -18,7 +18,7 @@ _MAX_LISTED: Final = 10
 _FORBIDDEN_IN_NAMES: Final = set("/\\*?[],= \t\n")
 
 ManifestRow = Mapping[str, str]
-"""A row's columns, empty where it says nothing, and ``folder``, that of the manifest."""
+"""A row's columns, empty where it says nothing; ``manifest``, its file, and ``folder``, that of the manifest."""
 
 
 def select_rows(config: RunConfig) -> list[ManifestRow]:
@@ -71,7 +71,7 @@ def _manifest_rows(manifest: str | None) -> dict[str, ManifestRow]:
         for row in _read_csv(path):
             if row["sequence_id"] in rows:
                 raise UserError(f"{path}: the sequence {row['sequence_id']} stands in the manifest twice")
-            rows[checked_name(row["sequence_id"])] = {**row, "folder": str(path.parent)}
+            rows[checked_name(row["sequence_id"])] = {**row, "manifest": str(path), "folder": str(path.parent)}
     return rows
 
 

@@ -1,57 +1,101 @@
 """Put what the studio delivered where data sets have it: ``work/synthetic``, and the files that a split shares."""
 
+import errno
+import fcntl
 import os
 import shutil
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Final
 
 from assemblyhands_core.data.layout import DatasetLayout
 from assemblyhands_core.data.split_files import write_shared_files
 from assemblyhands_core.data.store import Store
 from assemblyhands_core.data.studio_tables import DELIVERED
 from pipeline.config import RunConfig
-from pipeline.takes import select_takes
+from pipeline.takes import OrderedTake, select_takes
 from pipeline.tasks import Result
+
+_NO_LINKS: Final = (errno.EXDEV, errno.EPERM, errno.ENOTSUP, errno.EMLINK)
+Files = Sequence[Mapping[str, str]]
 
 
 def publish(config: RunConfig, results: Sequence[Result], root: Path) -> list[str]:
     """Lay out every delivered recording; return their names.
 
     Files are links to those in the store where the file system allows, else copies. A recording's list of files is
-    written last, so that one without the list is not whole.
+    taken away first and written last: a recording without its list is not whole, and is laid out again.
     """
-    layout, store = DatasetLayout(root), Store(config.workspace)
-    splits = {take.sequence_id: take.split for take in select_takes(config)}
-    published: dict[str, str] = {}
+    layout, takes = DatasetLayout(root), {take.sequence_id: take for take in select_takes(config)}
+    delivered = {name: (takes[name], files) for name, files in _deliveries(config, results)}
+    if delivered:
+        with _alone(root):
+            for name, (_, files) in delivered.items():
+                _clear(layout, name, files)
+                _lay_out(layout, files)
+            write_shared_files(layout, {name: take.split for name, (take, _) in delivered.items()})
+            for take, files in delivered.values():
+                _write_list(layout, take, files)
+    return list(delivered)
+
+
+def _deliveries(config: RunConfig, results: Sequence[Result]) -> Iterator[tuple[str, Files]]:
+    store = Store(config.workspace)
     for result in results:
         stage = config.dag.nodes[result.node].stage.name
         record = store.find(stage, result.key) if DELIVERED.name in result.outputs else None
         if record is not None:
-            name = result.shard.sequence_id
-            _lay_out(store.read(record, DELIVERED.name, DELIVERED).to_pylist(), layout, name)
-            published[name] = splits[name]
-    if published:
-        write_shared_files(layout, published)
-    return list(published)
+            yield result.shard.sequence_id, store.read(record, DELIVERED.name, DELIVERED).to_pylist()
 
 
-def _lay_out(rows: Sequence[dict[str, str]], layout: DatasetLayout, recording: str) -> None:
+@contextmanager
+def _alone(root: Path) -> Iterator[None]:
+    """Wait until no other run publishes here; the lock falls with the process."""
+    root.mkdir(parents=True, exist_ok=True)
+    with (root / ".lock").open("w") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        yield
+
+
+def _clear(layout: DatasetLayout, recording: str, files: Files) -> None:
+    """Take a recording's list away, and the files of an earlier order that are none of it any more."""
     listing = layout.delivered(recording)
-    listing.parent.mkdir(parents=True, exist_ok=True)
+    old = listing.read_text(encoding="utf-8").splitlines()[1:] if listing.is_file() else []
     listing.unlink(missing_ok=True)
-    for row in rows:
-        _link(Path(row["content_file"]), layout.root / row["path"])
-    listing.write_text("".join(f"{row['sha256']}  {row['path']}\n" for row in rows), encoding="utf-8")
+    for path in {line.partition("  ")[2] for line in old} - {row["path"] for row in files}:
+        (layout.root / path).unlink(missing_ok=True)
+
+
+def _lay_out(layout: DatasetLayout, files: Files) -> None:
+    for row in files:
+        source, target = Path(row["content_file"]), layout.root / row["path"]
+        if not (target.exists() and target.samefile(source)):
+            target.parent.mkdir(parents=True, exist_ok=True)
+            _link(source, target)
 
 
 def _link(source: Path, target: Path) -> None:
-    if target.exists() and target.samefile(source):
-        return
-    target.parent.mkdir(parents=True, exist_ok=True)
+    source.chmod(0o444)  # writing over a link would change the store's file, too
     draft = target.with_name(f".{target.name}-{os.getpid()}")
-    draft.unlink(missing_ok=True)
     try:
-        os.link(source, draft)
-    except OSError:  # another disk, or a file system without links
-        shutil.copyfile(source, draft)
-    draft.rename(target)
+        with suppress(FileNotFoundError):
+            draft.unlink()
+        try:
+            os.link(source, draft)
+        except OSError as error:
+            if error.errno not in _NO_LINKS:
+                raise
+            shutil.copyfile(source, draft)
+        draft.rename(target)
+    finally:
+        draft.unlink(missing_ok=True)
+
+
+def _write_list(layout: DatasetLayout, take: OrderedTake, files: Files) -> None:
+    listing = layout.delivered(take.sequence_id)
+    listing.parent.mkdir(parents=True, exist_ok=True)
+    lines = [take.heading, *(f"{row['sha256']}  {row['path']}" for row in files)]
+    draft = listing.with_name(f".{listing.name}-{os.getpid()}")
+    draft.write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
+    draft.rename(listing)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from assemblyhands_core.data.digests import FileDigests
+from assemblyhands_core.data.layout import DatasetLayout
 from assemblyhands_core.data.packages import PackageError, fetch_package
 from pipeline.config import RunConfig, UserError
 from pipeline.dag import SOURCE_EDGE, TRUTH_EDGE
@@ -70,6 +71,8 @@ def select_recordings(config: RunConfig) -> list[Recording]:
 
 def _from_manifest(row: ManifestRow, workspace: Path) -> Recording:
     """Return a row's recording; its paths are relative to the package's files, or to the manifest's folder."""
+    if row["package"] == STUDIO_PACKAGE:
+        row = {**row, **_studio_paths(row["sequence_id"])}
     folder = _package_folder(row, workspace) if row["package"] else Path(row["folder"])
     found = _recording(row["sequence_id"], folder / row["calibration"], str(folder / row["videos"]))
     return replace(
@@ -77,6 +80,17 @@ def _from_manifest(row: ManifestRow, workspace: Path) -> Recording:
         keypoints=_optional_folder(folder, row, "keypoints"),
         ground_truth=_optional_folder(folder, row, "ground_truth"),
     )
+
+
+def _studio_paths(sequence_id: str) -> dict[str, str]:
+    """Return where a recording of the studio has its files, which its name decides alone."""
+    layout = DatasetLayout(Path())
+    return {
+        "calibration": str(layout.calibration(sequence_id)),
+        "videos": str(layout.video(sequence_id, "x").with_name("*_rgb.mp4")),
+        "keypoints": str(layout.stand_in_keypoints(sequence_id)),
+        "ground_truth": str(layout.ground_truth(sequence_id)),
+    }
 
 
 def _optional_folder(folder: Path, row: ManifestRow, column: str) -> Path | None:

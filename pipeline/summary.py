@@ -1,5 +1,6 @@
 """What a run says at its end, and what ``plan`` and ``doctor`` print."""
 
+import json
 import time
 from collections import defaultdict
 from collections.abc import Sequence
@@ -11,7 +12,6 @@ from rich.markup import escape
 from rich.table import Table
 
 from pipeline.plan import PlannedNode
-from pipeline.recordings import Recording
 from pipeline.tasks import Result
 from pipeline.view import node_digest
 
@@ -91,12 +91,14 @@ def print_quality(console: Console, run: Path) -> None:
             console.print(f"picture: {real.parent / name}", markup=False, highlight=False, soft_wrap=True)
 
 
-def print_keypoints(console: Console, recordings: Sequence[Recording]) -> None:
+def print_keypoints(console: Console, run: Path) -> None:
     """Print for which sequences no detector ran."""
-    for recording in recordings:
-        if recording.keypoints is not None:
-            line = f"{recording.sequence_id}: no detector ran, its 2D keypoints came with it: {recording.keypoints}"
-            console.print(line, markup=False, highlight=False, soft_wrap=True)
+    for path in sorted((run / "detect_keypoints").glob("manifest.json")):
+        for name, config in json.loads(path.read_text())["configs"].items():
+            root = config.get("options", {}).get("precomputed", {}).get("root")
+            if root is not None:
+                line = f"{name}: no detector ran, its 2D keypoints were given: {root}"
+                console.print(line, markup=False, highlight=False, soft_wrap=True)
 
 
 def print_audit(console: Console, run: Path) -> None:

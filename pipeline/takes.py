@@ -1,14 +1,17 @@
-"""Which synthetic sequences are to be recorded, and which still are."""
+"""Which synthetic sequences are ordered from the studio, and which are still to be recorded."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 from assemblyhands_core.data.digests import FileDigests
 from assemblyhands_core.data.layout import DatasetLayout
+from assemblyhands_core.data.names import parse_recording_name
+from assemblyhands_core.data.split_files import check_new_splits
+from assemblyhands_core.synthetic.crop_draws import FIRST_SUBJECT
 from pipeline.config import RunConfig, UserError
-from pipeline.dag import TAKE_EDGE
+from pipeline.dag import CROP_EDGE, TAKE_EDGE
 from pipeline.manifests import ManifestRow, select_rows
 
 STUDIO_PACKAGE: Final = "synthetic"
@@ -16,23 +19,29 @@ STUDIO_PACKAGE: Final = "synthetic"
 CROPS_PACKAGE: Final = "crops"
 """What manifests call crops that the studio draws directly, for training."""
 
-_ORDERED: Final = (STUDIO_PACKAGE, CROPS_PACKAGE)
+_MAX_DURATION_S: Final = 10**6
 
 
 @dataclass(frozen=True)
 class OrderedTake:
-    """A synthetic sequence as a manifest orders it."""
+    """A synthetic sequence as a manifest orders it: a recording, or a set of crops for training."""
 
     sequence_id: str
     split: str
     rig: str
     duration_s: float
+    package: str
     keypoints: None = None
 
     def origin_rows(self, digests: FileDigests) -> Mapping[str, Sequence[Mapping[str, Any]]]:
-        """Return the row of the ``takes`` table, by its edge; no file is read."""
-        names = ("sequence_id", "split", "rig", "duration_s")
-        return {TAKE_EDGE: ({name: getattr(self, name) for name in names},)}
+        """Return the order's row by its edge; no file is read."""
+        edge = CROP_EDGE if self.package == CROPS_PACKAGE else TAKE_EDGE
+        return {TAKE_EDGE: (), CROP_EDGE: (), edge: (vars(self),)}
+
+    @property
+    def heading(self) -> str:
+        """Return the first line of its list of delivered files: another order is another recording."""
+        return f"# rig={self.rig} duration_s={self.duration_s!r} split={self.split}"
 
 
 def studio_folder(workspace: Path) -> Path:
@@ -44,29 +53,63 @@ def select_takes(config: RunConfig) -> list[OrderedTake]:
     """Return the synthetic sequences that ``seq`` names.
 
     Raises:
-        UserError: a sequence is a real one, or its row does not say what to record.
+        UserError: a sequence is a real one, its row does not say what to record, or its person is in another split.
     """
-    rows = select_rows(config)
-    if real := [row["sequence_id"] for row in rows if row["package"] not in _ORDERED]:
-        raise UserError(f"{', '.join(real)}: real recordings cannot be simulated; choose sequences of synthetic_*.csv")
-    return [_take(row) for row in rows]
+    takes = [_take(row, config) for row in select_rows(config)]
+    recordings = {take.sequence_id: take.split for take in takes if take.package == STUDIO_PACKAGE}
+    try:
+        check_new_splits(DatasetLayout(studio_folder(config.workspace)), recordings)
+    except ValueError as error:
+        raise UserError(str(error)) from error
+    return takes
 
 
 def absent_takes(config: RunConfig) -> list[str]:
-    """Return the names of the synthetic sequences that a run needs and that are not recorded yet."""
-    if config.rig.calibration is not None:
-        return []
+    """Return the names of the synthetic sequences that a run needs and that are not recorded as ordered."""
+    if config.rig.calibration is not None or config.rig.videos is not None:
+        return []  # files of one's own
     layout = DatasetLayout(studio_folder(config.workspace))
-    rows = [row for row in select_rows(config) if row["package"] == STUDIO_PACKAGE]
-    return [row["sequence_id"] for row in rows if not layout.delivered(row["sequence_id"]).is_file()]
+    takes = [_take(row, config) for row in select_rows(config) if row["package"] == STUDIO_PACKAGE]
+    return [take.sequence_id for take in takes if not _is_delivered(layout, take)]
 
 
-def _take(row: ManifestRow) -> OrderedTake:
+def _is_delivered(layout: DatasetLayout, take: OrderedTake) -> bool:
+    listing = layout.delivered(take.sequence_id)
+    lines = listing.read_text(encoding="utf-8").splitlines() if listing.is_file() else []
+    files = [layout.root / line.partition("  ")[2] for line in lines[1:]]
+    return lines[:1] == [take.heading] and all(file.is_file() for file in files)
+
+
+def _take(row: ManifestRow, config: RunConfig) -> OrderedTake:
     name = row["sequence_id"]
+    wanted: Literal["synthetic", "crops"] = "crops" if config.starts_from_crops else "synthetic"
+    if row["package"] != wanted:
+        raise UserError(
+            f"sequence {name} of {row['manifest']} is of the package {row['package'] or 'none'}, but "
+            f"target={config.target} takes sequences of the package {wanted}"
+        )
+    if wanted == STUDIO_PACKAGE:
+        _check_person(name, row["manifest"])
+    if row["rig"] not in ("assembly", "desktop"):
+        raise UserError(f"{row['manifest']}, sequence {name}: rig is {row['rig']!r}, has to be assembly or desktop")
+    return OrderedTake(name, row["split"], row["rig"], _duration_s(row), row["package"])
+
+
+def _check_person(name: str, manifest: str) -> None:
+    try:
+        participant = parse_recording_name(name).participant
+    except ValueError as error:
+        raise UserError(f"{manifest}: {error}") from error
+    if participant >= (first := min(FIRST_SUBJECT.values())):
+        raise UserError(f"{manifest}: persons from {first} on are those of training crops; name {name} otherwise")
+
+
+def _duration_s(row: ManifestRow) -> float:
     try:
         duration_s = float(row["duration_s"])
     except ValueError:
-        raise UserError(f"sequence {name}: the manifest's duration_s is {row['duration_s']!r}, no number") from None
-    if row["rig"] not in ("assembly", "desktop") or not 0 < duration_s <= 10**6:
-        raise UserError(f"sequence {name}: rig has to be assembly or desktop, duration_s above 0 and at most 1e6")
-    return OrderedTake(name, row["split"], row["rig"], duration_s)
+        duration_s = float("nan")
+    if not 0 < duration_s <= _MAX_DURATION_S:
+        where = f"{row['manifest']}, sequence {row['sequence_id']}"
+        raise UserError(f"{where}: duration_s is {row['duration_s']!r}, has to be a number above 0, at most 1e6")
+    return duration_s

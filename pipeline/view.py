@@ -60,8 +60,21 @@ def _write_node(folder: Path, node: Node, results: Sequence[Result], store: Stor
             link = folder / table / f"{result.shard}.parquet"
             target = store.entry(node.stage.name, result.key) / f"{table}.parquet"
             link.symlink_to(os.path.relpath(target, link.parent))
-    manifest = {"node": node.name, "stage": node.stage.name, "tables": tables, "shards": shards}
+    manifest = {
+        "node": node.name,
+        "stage": node.stage.name,
+        "configs": _configs(node, results, store),
+        "tables": tables,
+        "shards": shards,
+    }
     (folder / "manifest.json").write_text(json.dumps(manifest, indent=1))
+
+
+def _configs(node: Node, results: Sequence[Result], store: Store) -> dict[str, Any]:
+    """Return the parameters that each sequence's results were made with, as their entries say."""
+    first = {result.shard.sequence_id: result for result in reversed(results)}
+    records = {name: store.find(node.stage.name, result.key) for name, result in sorted(first.items())}
+    return {name: record.parts["config"] for name, record in records.items() if record is not None}
 
 
 def _outputs(result: Result) -> dict[str, Any]:

@@ -101,9 +101,7 @@ class SequenceWork:
 
     def _stage_config(self, node: Node) -> StageConfig:
         config = self.config.stages[node.stage.name]
-        if isinstance(config, DetectorConfig) and self.recording.keypoints is not None:
-            return config.with_keypoints(self.recording.keypoints)
-        return config
+        return config.resolved(self.recording.keypoints) if isinstance(config, DetectorConfig) else config
 
     def _externals(self, node: Node, config: StageConfig) -> tuple[Mapping[str, str], str]:
         """Return a node's externals and what is wrong with them; asked once, as digesting files takes time."""

@@ -26,6 +26,7 @@ _CANNOT_BE_TOLD = "cannot be told: that takes two other views that see the perso
 class AuditRecordingConfig(DetectorConfig):
     """Parameters of the audit."""
 
+    keypoints_file = "bodies.parquet"
     num_frames: int = Field(ge=1)
     max_image_side_px: int = Field(ge=128)
     max_persons: int = Field(ge=1, le=8)

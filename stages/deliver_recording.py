@@ -40,6 +40,7 @@ from assemblyhands_core.synthetic.rig import Rig
 from assemblyhands_core.synthetic.session import RATE_HZ, Order
 from assemblyhands_core.synthetic.toys import NOUNS, toy_name
 from stages._contract import Context, Stage, StageConfig, Tables
+from stages._simulator import simulator_externals
 
 _DRAFT = "dataset"
 
@@ -47,7 +48,7 @@ _DRAFT = "dataset"
 class DeliverRecordingConfig(StageConfig):
     """Parameters of delivery."""
 
-    labelled_every_s: float = Field(gt=0)
+    labelled_every_s: float = Field(gt=0, allow_inf_nan=False)
 
 
 def run(config: DeliverRecordingConfig, inputs: Tables, context: Context) -> Tables:
@@ -158,4 +159,5 @@ STAGE = Stage(
     outputs={"delivered": DELIVERED},
     run=run,
     shard="sequence",
+    externals=simulator_externals,
 )

@@ -8,13 +8,14 @@ from pydantic import Field
 
 from assemblyhands_core.data.catalog import BODY_LABELS, CHUNKS
 from assemblyhands_core.data.crop_images import encode_jpeg
-from assemblyhands_core.data.studio_tables import TAKES
+from assemblyhands_core.data.studio_tables import CROP_ORDERS
 from assemblyhands_core.geometry.cameras import Camera
 from assemblyhands_core.synthetic.body_keypoints import body_keypoints_mm
 from assemblyhands_core.synthetic.crop_draws import draw_training_take, training_subject
 from assemblyhands_core.synthetic.crop_mode import CropInstant
 from assemblyhands_core.synthetic.render import render_crops
 from stages._contract import Context, Stage, StageConfig, Tables
+from stages._simulator import simulator_externals
 
 _VIEW_STREAM = 0xB0D1
 
@@ -30,7 +31,7 @@ class DrawBodyViewsConfig(StageConfig):
 
 def run(config: DrawBodyViewsConfig, inputs: Tables, context: Context) -> Tables:
     """Draw some views at some instants of one take."""
-    (order,), (chunk,) = inputs["takes"].to_pylist(), inputs["chunks"].to_pylist()
+    (order,), (chunk,) = inputs["orders"].to_pylist(), inputs["chunks"].to_pylist()
     subject = training_subject(order["split"], chunk["chunk"])
     take = draw_training_take(subject, chunk["chunk"], order["rig"], num_instants=config.num_instants)
     studio, rng = take.open(), np.random.default_rng([take.take_seed, _VIEW_STREAM])
@@ -68,8 +69,9 @@ STAGE = Stage(
     name="draw_body_views",
     version=1,
     config=DrawBodyViewsConfig,
-    inputs={"takes": TAKES, "chunks": CHUNKS},
+    inputs={"orders": CROP_ORDERS, "chunks": CHUNKS},
     outputs={"labels": BODY_LABELS},
     run=run,
     shard="chunk",
+    externals=simulator_externals,
 )

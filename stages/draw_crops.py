@@ -13,12 +13,13 @@ from pydantic import Field
 from assemblyhands_core.data.camera_rows import camera_to_row, missing_camera_row
 from assemblyhands_core.data.catalog import CHUNKS, CROPS, HAND_LABELS
 from assemblyhands_core.data.crop_images import encode_jpeg
-from assemblyhands_core.data.studio_tables import TAKES
+from assemblyhands_core.data.studio_tables import CROP_ORDERS
 from assemblyhands_core.synthetic.crop_boxes import AroundHand
 from assemblyhands_core.synthetic.crop_draws import TrainingTake, draw_training_take, training_subject
 from assemblyhands_core.synthetic.crop_mode import HandViews
 from assemblyhands_core.synthetic.rig import RIGS
 from stages._contract import Context, Stage, StageConfig, Tables
+from stages._simulator import simulator_externals
 
 _VIEW_STREAM: Final = 0x71E5
 
@@ -36,7 +37,7 @@ class DrawCropsConfig(StageConfig):
 
 def run(config: DrawCropsConfig, inputs: Tables, context: Context) -> Tables:
     """Draw both hands at the instants of one take."""
-    (order,), (chunk,) = inputs["takes"].to_pylist(), inputs["chunks"].to_pylist()
+    (order,), (chunk,) = inputs["orders"].to_pylist(), inputs["chunks"].to_pylist()
     subject = training_subject(order["split"], chunk["chunk"])
     take = draw_training_take(subject, chunk["chunk"], order["rig"], num_instants=chunk["num_frames"])
     box = AroundHand(config.gamma, config.gamma_spread, config.center_spread)
@@ -82,8 +83,9 @@ STAGE = Stage(
     name="draw_crops",
     version=1,
     config=DrawCropsConfig,
-    inputs={"takes": TAKES, "chunks": CHUNKS},
+    inputs={"orders": CROP_ORDERS, "chunks": CHUNKS},
     outputs={"crops": CROPS, "labels": HAND_LABELS},
     run=run,
     shard="chunk",
+    externals=simulator_externals,
 )

@@ -34,6 +34,11 @@ class EvaluateConfig(StageConfig):
     num_resamples: int = Field(ge=100)
     seed: int = Field(ge=0)
 
+    @property
+    def resampling(self) -> Resampling:
+        """Return how intervals are drawn."""
+        return Resampling(self.block_frames, self.num_resamples, self.seed)
+
     @model_validator(mode="after")
     def _bounds_are_in_order(self) -> "EvaluateConfig":
         if self.low_occlusion >= self.high_occlusion:
@@ -47,8 +52,7 @@ def run(config: EvaluateConfig, inputs: Tables, context: Context) -> Tables:
     joints = inputs["joints"].append_column("method", _methods(inputs["joints"]))
     by_method = [joints.filter(pc.equal(joints["method"], name)) for name in pc.unique(joints["method"])]
     errors = pa.concat_tables([ERRORS.empty(), *(_errors(truth, of_method) for of_method in by_method)])
-    resampling = Resampling(config.block_frames, config.num_resamples, config.seed)
-    cells = evaluate_annotation(errors, (config.low_occlusion, config.high_occlusion), resampling)
+    cells = evaluate_annotation(errors, (config.low_occlusion, config.high_occlusion), config.resampling)
     rows = [{"sequence_id": context.sequence_id, **cell._asdict()} for cell in cells]
     return {"errors": errors, "metrics": EVALUATION.from_rows(rows)}
 

@@ -22,6 +22,7 @@ from assemblyhands_core.data.video_writer import VideoWriter
 from assemblyhands_core.synthetic.session import RATE_HZ, Order, Session, Shot
 from assemblyhands_core.synthetic.stand_ins import stand_in_bodies, stand_in_hands
 from stages._contract import Context, Stage, StageConfig, Tables
+from stages._simulator import simulator_externals
 
 
 class FilmTakeConfig(StageConfig):
@@ -93,4 +94,5 @@ STAGE = Stage(
     },
     run=run,
     shard="chunk",
+    externals=simulator_externals,
 )

@@ -10,6 +10,7 @@ from assemblyhands_core.data.studio_tables import ACTIONS, TAKES
 from assemblyhands_core.synthetic.bench import Segment
 from assemblyhands_core.synthetic.session import Order
 from stages._contract import Context, Stage, StageConfig, Tables
+from stages._simulator import simulator_externals
 
 
 class ScriptTakeConfig(StageConfig):
@@ -54,4 +55,5 @@ STAGE = Stage(
     outputs={"actions": ACTIONS, "chunks": CHUNKS},
     run=run,
     shard="sequence",
+    externals=simulator_externals,
 )

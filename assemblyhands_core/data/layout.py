@@ -59,7 +59,12 @@ class DatasetLayout:
 
     def split(self, split: str) -> Path:
         """Return the list of a split's recordings."""
-        return self.root / "splits" / f"{checked_component(split, 'a split')}.txt"
+        return self.splits / f"{checked_component(split, 'a split')}.txt"
+
+    @property
+    def splits(self) -> Path:
+        """The folder of the lists of all splits."""
+        return self.root / "splits"
 
     def ground_truth(self, recording: str) -> Path:
         """Return the folder of what only evaluation may read of a recording."""
@@ -85,16 +90,26 @@ def write_splits(layout: DatasetLayout, recordings: Mapping[str, Iterable[str]])
         ValueError: A person occurs in two splits, so that results would not be about unseen people.
     """
     splits = {split: sorted(names) for split, names in recordings.items()}
-    split_of_participant: dict[int, str] = {}
-    for split, names in splits.items():
-        for name in names:
-            participant = parse_recording_name(name).participant
-            if (other := split_of_participant.setdefault(participant, split)) != split:
-                raise ValueError(f"participant {participant} occurs in the splits {other} and {split}; choose one.")
+    check_splits(splits)
     for split, names in splits.items():
         path = layout.split(split)
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text("".join(f"{name}\n" for name in names), encoding="utf-8")
+
+
+def check_splits(recordings: Mapping[str, Iterable[str]]) -> None:
+    """Check that every person is in one split, and every split's name can be part of file names.
+
+    Raises:
+        ValueError: One is not.
+    """
+    split_of_participant: dict[int, str] = {}
+    for split, names in recordings.items():
+        checked_component(split, "a split")
+        for name in names:
+            participant = parse_recording_name(name).participant
+            if (other := split_of_participant.setdefault(participant, split)) != split:
+                raise ValueError(f"participant {participant} occurs in the splits {other} and {split}; choose one.")
 
 
 def read_split(path: Path) -> list[str]:

@@ -21,7 +21,7 @@ from assemblyhands_core.data.fine_grained import (
     write_fine_grained_30fps,
     write_fine_grained_60fps,
 )
-from assemblyhands_core.data.layout import DatasetLayout, read_split, write_splits
+from assemblyhands_core.data.layout import DatasetLayout, check_splits, read_split, write_splits
 
 JOINTS_SHARE = "joint_3d.json"
 EGO_SHARE = "ego_calib.json"
@@ -39,11 +39,7 @@ def write_shared_files(layout: DatasetLayout, split_of: Mapping[str, str]) -> No
         ValueError: A person would occur in two splits.
         FormatError: A recording's share cannot be read.
     """
-    splits = _known_splits(layout)
-    for recording, split in split_of.items():
-        for names in splits.values():
-            names.discard(recording)
-        splits.setdefault(split, set()).add(recording)
+    splits = _with_new(layout, split_of)
     write_splits(layout, splits)
     segments = {split: _write_split(layout, split, sorted(names)) for split, names in splits.items()}
     actions = {s.action.action_id: s.action for found in segments.values() for s in found if s.action is not None}
@@ -51,9 +47,25 @@ def write_shared_files(layout: DatasetLayout, split_of: Mapping[str, str]) -> No
     write_skeleton(layout.skeleton)
 
 
-def _known_splits(layout: DatasetLayout) -> dict[str, set[str]]:
-    files = sorted(layout.split("any").parent.glob("*.txt"))
-    return {file.stem: {name for name in read_split(file) if layout.labels(name).is_dir()} for file in files}
+def check_new_splits(layout: DatasetLayout, split_of: Mapping[str, str]) -> None:
+    """Check that recordings can be added to splits; for before they are made.
+
+    Raises:
+        ValueError: A person would occur in two splits, or a split has no name.
+        FormatError: A list of recordings cannot be read.
+    """
+    check_splits(_with_new(layout, split_of))
+
+
+def _with_new(layout: DatasetLayout, split_of: Mapping[str, str]) -> dict[str, set[str]]:
+    """Return the recordings of every split, those that are there and the new ones."""
+    files = sorted(layout.splits.glob("*.txt"))
+    splits = {file.stem: {name for name in read_split(file) if layout.labels(name).is_dir()} for file in files}
+    for recording, split in split_of.items():
+        for names in splits.values():
+            names.discard(recording)
+        splits.setdefault(split, set()).add(recording)
+    return splits
 
 
 def _write_split(layout: DatasetLayout, split: str, recordings: list[str]) -> list[Segment]:
@@ -65,6 +77,8 @@ def _write_split(layout: DatasetLayout, split: str, recordings: list[str]) -> li
     if worn:
         ego = {k: v for file in worn for k, v in read_ego_calibration(file).items()}
         write_ego_calibration(layout.annotations(split, "ego_calib"), ego)
+    else:
+        layout.annotations(split, "ego_calib").unlink(missing_ok=True)
     segments = [s for folder in folders for s in read_fine_grained(folder / ACTIONS_SHARE).segments]
     write_fine_grained_60fps(layout.fine_grained(split, 60), [replace(s, views=()) for s in segments])
     write_fine_grained_30fps(layout.fine_grained(split, 30), segments)

@@ -26,9 +26,17 @@ TAKES: Final = TableSpec(
     "takes",
     1,
     ("sequence_id",),
-    pa.schema([*_SEQUENCE, ("split", _TEXT), ("rig", _TEXT), ("duration_s", pa.float64())]),
+    pa.schema([*_SEQUENCE, ("rig", _TEXT), ("duration_s", pa.float64())]),
 )
 """What is to be recorded; the sequence's name says who, with which toy and on which day."""
+
+CROP_ORDERS: Final = TableSpec(
+    "crop_orders",
+    1,
+    ("sequence_id",),
+    pa.schema([*_SEQUENCE, ("split", _TEXT), ("rig", _TEXT), ("duration_s", pa.float64())]),
+)
+"""A set of takes of which crops are to be drawn: its split says of whom, its duration how many."""
 
 ACTIONS: Final = TableSpec(
     "actions",

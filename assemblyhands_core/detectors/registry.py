@@ -10,7 +10,7 @@ from assemblyhands_core.detectors.base import BodyDetector, DetectorError, HandD
 _Part = Literal["Body", "Hands"]
 
 # Module name and class prefix. A module offers `<prefix>Body`, `<prefix>Hands` and `fingerprint(options)`.
-_DETECTORS: Final = {"mediapipe": "Mediapipe", "precomputed": "Precomputed", "rtmlib": "Rtmlib"}
+_DETECTORS: Final = {"learned": "Learned", "mediapipe": "Mediapipe", "precomputed": "Precomputed", "rtmlib": "Rtmlib"}
 
 DETECTOR_NAMES: Final = tuple(_DETECTORS)
 

@@ -7,6 +7,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pyarrow as pa
+from jaxtyping import Bool, Float64
 
 from assemblyhands_core.data.arrays import to_numpy
 from assemblyhands_core.data.crop_images import decode_image
@@ -42,8 +43,8 @@ class BodyViews:
     """
 
     images: tuple[bytes, ...]
-    pixels: np.ndarray[Any, Any]
-    is_valid: np.ndarray[Any, Any]
+    pixels: Float64[np.ndarray, "picture keypoint=17 2"]
+    is_valid: Bool[np.ndarray, "picture keypoint=17"]
     augmentation: BodyAugmentation
     seed: int
     _epoch: list[int] = field(default_factory=lambda: [0])

@@ -67,11 +67,10 @@ def _manifest(name: str) -> list[dict[str, str]]:
 
 @pytest.mark.parametrize("name", ["tiny", "small", "full"])
 def test_manifests_keep_to_the_layout_and_to_one_split_a_person(tmp_path: Path, name: str) -> None:
-    rows, layout = _manifest(name), DatasetLayout(Path())
+    rows = _manifest(name)
     splits: dict[str, list[str]] = {}
     for row in rows:
-        assert row["calibration"] == str(layout.calibration(row["sequence_id"]))
-        assert row["videos"] == str(layout.video(row["sequence_id"], "x").with_name("*_rgb.mp4"))
+        assert row["calibration"] == row["videos"] == "", "the name decides where files are"
         assert (row["rig"] == "desktop") == (row["split"] == "desktop") and 1 <= float(row["duration_s"]) <= 600
         splits.setdefault(row["split"], []).append(row["sequence_id"])
     write_splits(DatasetLayout(tmp_path), splits)

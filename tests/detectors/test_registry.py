@@ -14,7 +14,9 @@ from assemblyhands_core.detectors import (
 
 @pytest.mark.parametrize("make", [create_body_detector, create_hand_detector])
 def test_an_unknown_name_is_answered_with_the_names_there_are(make) -> None:
-    with pytest.raises(DetectorError, match=r"no detector 'openpose': choose one of mediapipe, precomputed, rtmlib"):
+    with pytest.raises(
+        DetectorError, match=r"no detector 'openpose': choose one of learned, mediapipe, precomputed, rtmlib"
+    ):
         make("openpose")
     with pytest.raises(DetectorError, match="no detector 'openpose'"):
         fingerprint("openpose", {})
@@ -39,7 +41,7 @@ def test_asking_for_the_names_imports_no_detector() -> None:
     code = (
         "import sys, assemblyhands_core.detectors as d; "
         "heavy = {'mediapipe', 'rtmlib', 'onnxruntime', 'torch'} & set(sys.modules); "
-        "sys.exit(str(heavy) if heavy or len(d.DETECTOR_NAMES) != 3 else 0)"
+        "sys.exit(str(heavy) if heavy or len(d.DETECTOR_NAMES) != 4 else 0)"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
-    assert DETECTOR_NAMES == ("mediapipe", "precomputed", "rtmlib")
+    assert DETECTOR_NAMES == ("learned", "mediapipe", "precomputed", "rtmlib")

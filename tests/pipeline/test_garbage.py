@@ -1,4 +1,5 @@
 import os
+import shutil
 from typing import Any
 
 from pipeline.config import GcConfig
@@ -39,3 +40,12 @@ def test_leftovers_of_killed_runs_go(toy: Any) -> None:
         folder.mkdir()
     garbage = _gc(toy, 1)
     assert garbage.leftovers == [left, draft] and garbage.logs == [log] and garbage.entries == garbage.runs == []
+
+
+def test_what_a_killed_run_made_stays_for_the_next(toy: Any) -> None:
+    toy.run("first")
+    toy.factor = 3.0
+    toy.run("second")
+    (view,) = [path for path in (toy.workspace / "runs").glob("second")]
+    shutil.rmtree(view)  # as if it had been killed before its view was written
+    assert _gc(toy, 1).entries == []

@@ -5,45 +5,75 @@ from pathlib import Path
 import pytest
 
 from assemblyhands_core.data.digests import FileDigests
-from assemblyhands_core.data.studio_tables import TAKES
+from assemblyhands_core.data.studio_tables import CROP_ORDERS, TAKES
 from pipeline.config import ExecutorConfig, GcConfig, RigConfig, RunConfig, UserError
-from pipeline.dag import TAKE_EDGE
+from pipeline.dag import CROP_EDGE, TAKE_EDGE, build_dag
 from pipeline.recordings import select_recordings
 from pipeline.takes import absent_takes, select_takes
 
 NAME = "nusar-2021_action_both_1002-c13e_1002_user_id_2022-03-03_140549"
-HEADER = "sequence_id,split,calibration,videos,package,rig,duration_s,keypoints"
+OTHER = "nusar-2021_action_both_1002-c13e_1002_user_id_2022-03-04_140549"
+HEADER = "sequence_id,split,calibration,videos,package,rig,duration_s"
 
 
-def config(folder: Path, row: str, **changes: object) -> RunConfig:
-    (folder / "set.csv").write_text(f"{HEADER}\n{row}\nreal,demo,calib.json,*.mp4,,,,\n")
+def config(folder: Path, line: str, **changes: object) -> RunConfig:
+    (folder / "set.csv").write_text(f"{HEADER}\n{line}\nreal,demo,calib.json,*.mp4,,,\n")
     values = {
         "seq": NAME, "target": "simulate", "manifest": str(folder / "set.csv"), "workspace": folder / "work", "run": "",
         "rig": RigConfig(calibration=None, videos=None), "gc": GcConfig(keep_runs=1, dry_run=False),
         "executor": ExecutorConfig(name="serial", num_workers=1, memory_limit="auto"),
     }  # fmt: skip
-    return RunConfig(**{**values, **changes})
+    found = RunConfig(**{**values, **changes})
+    found._dag = build_dag()
+    return found
 
 
-def row(rig: str = "assembly", duration: str = "2.5") -> str:
-    return f"{NAME},test,calib/{NAME}.json,recordings/*.mp4,synthetic,{rig},{duration},keys"
+def row(rig: str = "assembly", duration: str = "2.5", name: str = NAME, split: str = "test") -> str:
+    return f"{name},{split},,,synthetic,{rig},{duration}"
+
+
+def deliver(folder: Path, heading: str, *paths: str) -> None:
+    root = folder / "work" / "synthetic"
+    for path in (*paths, f"delivered/{NAME}.sha256"):
+        (root / path).parent.mkdir(parents=True, exist_ok=True)
+        (root / path).write_text("")
+    lines = [heading, *(f"0  {path}" for path in paths)]
+    (root / f"delivered/{NAME}.sha256").write_text("".join(f"{line}\n" for line in lines))
 
 
 def test_a_row_becomes_an_order(tmp_path: Path) -> None:
     (take,) = select_takes(config(tmp_path, row()))
-    rows = take.origin_rows(FileDigests(tmp_path / "memory.json"))[TAKE_EDGE]
-    assert TAKES.from_rows(rows).to_pylist() == [
-        {"sequence_id": NAME, "split": "test", "rig": "assembly", "duration_s": 2.5}
+    origins = take.origin_rows(FileDigests(tmp_path / "memory.json"))
+    assert TAKES.from_rows(origins[TAKE_EDGE]).to_pylist() == [
+        {"sequence_id": NAME, "rig": "assembly", "duration_s": 2.5}
     ]
+    assert origins[CROP_EDGE] == ()
+
+
+def test_crops_are_ordered_for_training_only(tmp_path: Path) -> None:
+    line = "crops_train,train,,,crops,assembly,240"
+    (take,) = select_takes(config(tmp_path, line, seq="crops_train", target="train"))
+    origins = take.origin_rows(FileDigests(tmp_path / "memory.json"))
+    assert CROP_ORDERS.from_rows(origins[CROP_EDGE])["split"].to_pylist() == ["train"] and origins[TAKE_EDGE] == ()
+    with pytest.raises(UserError, match=r"of the package crops, but target=simulate takes .* package synthetic"):
+        select_takes(config(tmp_path, line, seq="crops_train"))
+    with pytest.raises(UserError, match=r"of the package synthetic, but target=train takes .* package crops"):
+        select_takes(config(tmp_path, row(), target="train"))
 
 
 @pytest.mark.parametrize(
     ("line", "seq", "message"),
     [
-        (row(duration="long"), NAME, "duration_s is 'long', no number"),
+        (row(duration="long"), NAME, r"set\.csv, sequence .*duration_s is 'long', has to be a number"),
+        (row(duration=""), NAME, "duration_s is ''"),
+        (row(duration="inf"), NAME, "duration_s is 'inf'"),
         (row(duration="0"), NAME, "above 0"),
-        (row(rig="garage"), NAME, "assembly or desktop"),
-        (row(), "all", "real: real recordings cannot be simulated"),
+        (row(rig="garage"), NAME, "rig is 'garage', has to be assembly or desktop"),
+        (row(split=""), NAME, "a split is ''"),
+        (row(name="mine"), "mine", r"set\.csv: 'mine' is no recording name"),
+        (row(name=NAME.replace("1002", "2005")), NAME.replace("1002", "2005"), "persons from 2000 on are those of"),
+        (row(), "all", "real of .*set.csv is of the package none"),
+        (f"{row()}\n{row(name=OTHER, split='val')}", "nusar*", "participant 1002 occurs in the splits test and val"),
     ],
 )
 def test_what_cannot_be_recorded_is_refused(tmp_path: Path, line: str, seq: str, message: str) -> None:
@@ -51,24 +81,26 @@ def test_what_cannot_be_recorded_is_refused(tmp_path: Path, line: str, seq: str,
         select_takes(config(tmp_path, line, seq=seq))
 
 
-def test_a_take_is_absent_until_its_list_of_files_is_there(tmp_path: Path) -> None:
+def test_a_take_is_absent_until_it_is_delivered_as_ordered(tmp_path: Path) -> None:
     both = config(tmp_path, row(), seq="all", target="annotate")
     assert absent_takes(both) == [NAME]
-    listing = tmp_path / "work/synthetic/delivered" / f"{NAME}.sha256"
-    listing.parent.mkdir(parents=True)
-    listing.write_text("")
+    deliver(tmp_path, "# rig=assembly duration_s=2.5 split=test", "recordings/a.mp4")
     assert absent_takes(both) == []
+    assert absent_takes(config(tmp_path, row(duration="3"), target="annotate")) == [NAME], "another order"
+    (tmp_path / "work/synthetic/recordings/a.mp4").unlink()
+    assert absent_takes(both) == [NAME], "a file is gone"
     own = RigConfig(calibration="calib.json", videos="*.mp4")
     assert absent_takes(config(tmp_path, row(), seq="mine", rig=own)) == []
 
 
-def test_a_recording_comes_with_its_keypoints(tmp_path: Path) -> None:
+def test_a_recordings_name_decides_where_its_files_are(tmp_path: Path) -> None:
     root = tmp_path / "work" / "synthetic"
-    for name in (f"calib/{NAME}.json", "recordings/a.mp4"):
-        (root / name).parent.mkdir(parents=True, exist_ok=True)
-        (root / name).write_text("")
-    with pytest.raises(UserError, match=r"folder of keypoints .*keys does not exist"):
+    for path in (f"calib/nimble_json_calib/{NAME}.json", f"recordings/{NAME}/a_rgb.mp4", f"recordings/{NAME}/HMC.mp4"):
+        (root / path).parent.mkdir(parents=True, exist_ok=True)
+        (root / path).write_text("")
+    with pytest.raises(UserError, match=r"folder of keypoints .*does not exist"):
         select_recordings(config(tmp_path, row()))
-    (root / "keys").mkdir()
+    for folder in ("keypoints_from_truth", "ground_truth"):
+        (root / folder / NAME).mkdir(parents=True)
     (recording,) = select_recordings(config(tmp_path, row()))
-    assert recording.keypoints == root / "keys" and list(recording.videos) == ["a"]
+    assert recording.keypoints == root / "keypoints_from_truth" / NAME and list(recording.videos) == ["a_rgb"]

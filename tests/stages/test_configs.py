@@ -73,7 +73,7 @@ def test_a_config_can_be_sent_to_a_worker_and_stays_as_it_is(name: str, values: 
 
 @pytest.mark.parametrize("name", WITH_DETECTOR)
 def test_an_unknown_detector_is_refused_with_those_there_are(name: str, values: dict[str, Any]) -> None:
-    with pytest.raises(ValidationError, match="choose one of mediapipe, rtmlib, precomputed"):
+    with pytest.raises(ValidationError, match="choose one of auto, mediapipe, learned, rtmlib, precomputed"):
         _config(name, values[name] | {"detector": "openpose"})
 
 
