@@ -5,7 +5,7 @@ joints that the method found and so goes with its coverage; ``pck_auc`` counts m
 does; ``pck_auc_found`` is its other form, over the found joints alone.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
@@ -79,14 +79,15 @@ def evaluate_annotation(errors: pa.Table, occlusion_bounds: tuple[float, float],
     """
     cells: list[Cell] = []
     for method, rows in align_methods(errors, resampling.block_frames).items():
-        weights = draw_weights(rows.num_blocks, resampling.num_resamples, resampling.seed)
-        quantities = method_quantities(rows)
-        for group in _groups(rows, occlusion_bounds):
-            sums = {metric: _sums(quantity, rows, group) for metric, quantity in quantities.items()}
-            for metric, of_group in sums.items():
-                interval = mean_interval(of_group, weights, resampling.level)
-                coverage = float(sums["coverage"].mean()[0])
-                cells.append(make_cell((group.table, group.name, method, metric), interval, of_group, coverage))
+        cells += _cells(method, rows, _groups(rows, occlusion_bounds), resampling)
+    return cells
+
+
+def evaluate_overall(errors: pa.Table, resampling: Resampling) -> list[Cell]:
+    """Return every method's figures over all joints alone; arguments as for `evaluate_annotation`."""
+    cells: list[Cell] = []
+    for method, rows in align_methods(errors, resampling.block_frames).items():
+        cells += _cells(method, rows, [_everything(rows)], resampling)
     return cells
 
 
@@ -113,13 +114,24 @@ def masked(amount: Float[np.ndarray, "row joint"], counts: Bool[np.ndarray, "row
 
 def sums_over_all(quantity: Quantity, rows: ErrorRows) -> BlockSums:
     """Return a quantity's sums over the blocks of all rows and joints."""
-    return _sums(quantity, rows, _Group(TABLE, "", np.ones(len(rows.frame), dtype=bool), _EVERY_JOINT))
+    return _sums(quantity, rows, _everything(rows))
 
 
 def make_cell(names: tuple[str, str, str, str], interval: Interval, sums: BlockSums, coverage: float) -> Cell:
     """Return the line of a single estimate."""
     value, low, high = (float(values[0]) for values in (interval.value, interval.low, interval.high))
     return Cell(*names, value, low, high, int(sums.count.sum()), coverage)
+
+
+def _cells(method: str, rows: ErrorRows, groups: Iterable[_Group], resampling: Resampling) -> Iterator[Cell]:
+    weights = draw_weights(rows.num_blocks, resampling.num_resamples, resampling.seed)
+    quantities = method_quantities(rows)
+    for group in groups:
+        sums = {metric: _sums(quantity, rows, group) for metric, quantity in quantities.items()}
+        coverage = float(sums["coverage"].mean()[0])
+        for metric, of_metric in sums.items():
+            interval = mean_interval(of_metric, weights, resampling.level)
+            yield make_cell((group.table, group.name, method, metric), interval, of_metric, coverage)
 
 
 def _sums(quantity: Quantity, rows: ErrorRows, group: _Group) -> BlockSums:
@@ -129,9 +141,13 @@ def _sums(quantity: Quantity, rows: ErrorRows, group: _Group) -> BlockSums:
     return block_sums(total, count, rows.block[group.is_member], rows.num_blocks)
 
 
+def _everything(rows: ErrorRows) -> _Group:
+    return _Group(TABLE, "", np.ones(len(rows.frame), dtype=bool), _EVERY_JOINT)
+
+
 def _groups(rows: ErrorRows, occlusion_bounds: tuple[float, float]) -> Iterator[_Group]:
-    everywhere = np.ones(len(rows.frame), dtype=bool)
-    yield _Group(TABLE, "", everywhere, _EVERY_JOINT)
+    yield (everything := _everything(rows))
+    everywhere = everything.is_member
     for joint, name in enumerate(JOINT_NAMES):
         yield _Group(f"{TABLE}_by_joint", name, everywhere, (joint,))
     for finger, name in enumerate(FINGERS):
