@@ -1,6 +1,8 @@
 """Hands to joints with a frozen MVExoNet, batch by batch."""
 
-from collections.abc import Sequence
+from collections import deque
+from collections.abc import Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Final
 
@@ -46,11 +48,24 @@ def estimate_hands(network: MVExoNet, hands: Sequence[HandWindows], batch_size: 
     size_px = network.config.image_size_px
     joints = np.empty((len(hands), NUM_JOINTS, 3), dtype=np.float32)
     confidence = np.empty((len(hands), NUM_JOINTS), dtype=np.float32)
-    for first in range(0, len(hands), batch_size):
-        batch = slice(first, first + batch_size)
-        found = _forward(network, [tensor.to(device) for tensor in _tensors(hands[batch], size_px)])
-        joints[batch], confidence[batch] = found.joints_world_mm.cpu().numpy(), found.confidence.cpu().numpy()
+    parts = [slice(first, first + batch_size) for first in range(0, len(hands), batch_size)]
+    batches = _made_ahead([hands[part] for part in parts], size_px, num_threads)
+    for part, batch in zip(parts, batches, strict=True):
+        found = _forward(network, [tensor.to(device) for tensor in batch])
+        joints[part], confidence[part] = found.joints_world_mm.cpu().numpy(), found.confidence.cpu().numpy()
     return Estimates(joints, confidence)
+
+
+def _made_ahead(parts: Sequence[Sequence[HandWindows]], size_px: int, num_threads: int) -> Iterator[list[Tensor]]:
+    """Yield a batch for each part, in order; a few are made while the network is busy with those before."""
+    pending: deque[Future[list[Tensor]]] = deque()
+    with ThreadPoolExecutor(num_threads) as threads:
+        for part in parts:
+            pending.append(threads.submit(_tensors, part, size_px))
+            if len(pending) > num_threads:
+                yield pending.popleft().result()
+        while pending:
+            yield pending.popleft().result()
 
 
 def _tensors(hands: Sequence[HandWindows], size_px: int) -> list[Tensor]:
