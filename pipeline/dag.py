@@ -136,6 +136,7 @@ def build_dag() -> Dag:
     _add_studio(dag)
     _add_training(dag)
     _add_annotation(dag)
+    _add_evaluation(dag)
     return dag
 
 
@@ -207,7 +208,6 @@ def _add_annotation(dag: Dag) -> None:
         joints="round_0.joints",
         residuals="round_0.residuals",
     )
-    dag.add("evaluation_0", evaluate.STAGE, truth=TRUTH_EDGE, joints="round_0.joints")
     dag.add(
         "overlay",
         draw_overlays.STAGE,
@@ -218,7 +218,10 @@ def _add_annotation(dag: Dag) -> None:
 
 
 def _add_rounds(dag: Dag) -> None:
-    """Add how the joints of a round are the boxes and the root of the next one; the network stays the same."""
+    """Add how the joints of a round are the boxes and the root of the next one; the network stays the same.
+
+    With the round before that a hand that stands still can be told; round 1 knows of none and takes the same one twice.
+    """
     for number in (1, 2, 3):
         before, earlier = number - 1, max(number - 2, 0)
         dag.add(
@@ -234,8 +237,15 @@ def _add_rounds(dag: Dag) -> None:
         )
 
 
+def _add_evaluation(dag: Dag) -> None:
+    """Add how each round is held against the truth, on its own, so that a further round leaves the others' figures."""
+    for number in range(4):
+        dag.add(f"evaluation_{number}", evaluate.STAGE, truth=TRUTH_EDGE, joints=f"round_{number}.joints")
+
+
 TARGETS: Final[Mapping[str, tuple[str, ...]]] = {
     "annotate": ("quality", "overlay", "evaluation_0"),
+    "evaluate": tuple(f"evaluation_{number}" for number in range(4)),
     "doctor": ("audit",),
     "undistort": ("undistort",),
     "simulate": ("delivery", "preview"),

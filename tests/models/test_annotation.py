@@ -58,7 +58,8 @@ def test_pictures_are_in_0_to_1_and_views_that_a_hand_lacks_are_black() -> None:
     np.testing.assert_allclose(images.mean(dim=(2, 3, 4)), expected, atol=1e-3)
     assert not matrices[0, 1:].any()
     # 20 px become 32 px: pixel 19.5 of the crop is pixel 15.5 of the picture.
-    np.testing.assert_allclose(matrices[1, 0].double() @ np.array([97.5, 97.5, 0.0, 1.0]) / 500, [15.5, 15.5, 1.0])
+    pixel = matrices[1, 0].numpy() @ np.array([97.5, 97.5, 0.0, 1.0]) / 500
+    np.testing.assert_allclose(pixel, [15.5, 15.5, 1.0])
 
 
 def test_no_hands() -> None:
