@@ -5,7 +5,6 @@ compared from the errors of every joint, which it keeps (`metrics.comparison`).
 """
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -17,12 +16,11 @@ from assemblyhands_core.data.arrays import to_numpy
 from assemblyhands_core.data.catalog import ERRORS, EVALUATION, JOINTS, SOURCES
 from assemblyhands_core.data.ground_truth import TRUE_INSTANTS, TRUE_JOINTS, read_ground_truth
 from assemblyhands_core.data.keypoint_rows import rows_of_hands
+from assemblyhands_core.data.rounds import joints_or_nan
 from assemblyhands_core.hands.joints import NUM_JOINTS
 from assemblyhands_core.metrics.annotation import Resampling, evaluate_annotation
 from assemblyhands_core.metrics.keypoints import joint_errors_mm, relative_to_wrist
 from stages._contract import Context, Stage, StageConfig, Tables
-
-Floats = npt.NDArray[np.floating[Any]]
 
 
 class EvaluateConfig(StageConfig):
@@ -84,8 +82,8 @@ def _errors(truth: pa.Table, joints: pa.Table) -> pa.Table:
     """Return a method's errors at every true hand; a hand without a row is missing altogether."""
     place = _places(truth, joints)
     predicted = np.full((truth.num_rows, NUM_JOINTS, 3), np.nan)
-    predicted[place] = np.where(to_numpy(joints["valid"])[..., None], _points(joints), np.nan)
-    true = _points(truth)
+    predicted[place] = joints_or_nan(joints)
+    true = to_numpy(truth["joints_world_mm"]).reshape(-1, NUM_JOINTS, 3).astype(np.float64)
     is_labelled = np.asarray(np.isfinite(true).all(axis=-1))
     return ERRORS.build(
         {
@@ -99,10 +97,6 @@ def _errors(truth: pa.Table, joints: pa.Table) -> pa.Table:
             "occlusion_rate": truth["exo_occlusion_rate"],
         }
     )
-
-
-def _points(table: pa.Table) -> Floats:
-    return to_numpy(table["joints_world_mm"]).reshape(-1, NUM_JOINTS, 3).astype(np.float64)
 
 
 def _places(truth: pa.Table, joints: pa.Table) -> npt.NDArray[np.int64]:
