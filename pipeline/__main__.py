@@ -1,4 +1,4 @@
-"""``python -m pipeline [annotate|doctor|plan|gc] [parameter=value …]``: Hydra composes, the engine runs."""
+"""``python -m pipeline [COMMAND] [parameter=value …]``: Hydra composes, the engine runs."""
 
 import os
 import shlex
@@ -23,6 +23,7 @@ _USAGE = """usage: python -m pipeline [COMMAND] [parameter=value ...]
 commands
   annotate   video in, 3D hand joints out (the default): what is there already is reused
   simulate   record synthetic sequences in the simulated studio
+  train      draw crops and train our networks on them: manifest=data_manifests/training_crops.csv
   doctor     look a recording over before hours are spent on it
   plan       say what would run, what is reused, and why; changes nothing
   gc         remove results that none of the newest runs refers to
