@@ -46,6 +46,6 @@ def test_what_a_killed_run_made_stays_for_the_next(toy: Any) -> None:
     toy.run("first")
     toy.factor = 3.0
     toy.run("second")
-    (view,) = [path for path in (toy.workspace / "runs").glob("second")]
+    (view,) = (toy.workspace / "runs").glob("second")
     shutil.rmtree(view)  # as if it had been killed before its view was written
     assert _gc(toy, 1).entries == []
