@@ -20,6 +20,7 @@ from pipeline.evaluation import print_evaluation
 from pipeline.executors import open_executor, resolve_workers
 from pipeline.garbage import find_garbage
 from pipeline.history import History
+from pipeline.interrupts import interrupts_kept
 from pipeline.plan import make_plan, total_seconds
 from pipeline.progress import Progress
 from pipeline.publishing import publish
@@ -103,7 +104,11 @@ def _run_until_whole(config: RunConfig, run: str, console: Console) -> list[Resu
 
 def _execute(config: RunConfig, works: list[SequenceWork], console: Console) -> None:
     """Run what the plan has not settled."""
-    with open_executor(config.executor, uuid.uuid4().hex[:8]) as executor, Progress(console) as progress:
+    with (
+        interrupts_kept(),
+        open_executor(config.executor, uuid.uuid4().hex[:8]) as executor,
+        Progress(console) as progress,
+    ):
         Runner(works, executor, Store(config.workspace), progress).run()
 
 

@@ -11,6 +11,7 @@ from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
+from pipeline.interrupts import check_interrupted
 from pipeline.local_cluster import LocalWorkers
 from pipeline.task_queue import Promise, TaskQueue
 from pipeline.tasks import Result, Task, run_task
@@ -42,8 +43,10 @@ class DaskExecutor:
 
         Raises:
             UserError: if workers die faster than they work.
+            KeyboardInterrupt: if the user wants to stop.
         """
         while self._fill():
+            check_interrupted()
             if not self._futures.has_ready():
                 self._workers.check_alive()
                 time.sleep(_POLL_S)
