@@ -11,12 +11,18 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pytest
+import torch
 
 from assemblyhands_core.data.arrays import to_arrow, to_numpy
-from assemblyhands_core.data.catalog import KEYPOINTS
+from assemblyhands_core.data.camera_rows import camera_to_row, missing_camera_row, valid_cameras
+from assemblyhands_core.data.catalog import CROPS, KEYPOINTS
+from assemblyhands_core.data.crop_images import encode_jpeg
 from assemblyhands_core.data.digests import digest_json, digest_table
-from assemblyhands_core.geometry.crops import RemapGrid
-from stages import detect_hands, measure_quality, triangulate, undistort
+from assemblyhands_core.geometry.crops import RemapGrid, crop_camera
+from assemblyhands_core.hands.joints import ROOT
+from assemblyhands_core.hands.kinematics import HandPose, HandSkeleton, forward_kinematics
+from assemblyhands_core.models.mvexonet import SMALL, HandEstimate, MVExoNet
+from stages import annotate_round, detect_hands, measure_quality, triangulate, undistort
 from stages._contract import Context, Stage, Tables
 
 _CONTEXT = Context(Path(), "s")
@@ -25,12 +31,14 @@ GOLDEN = {
     "undistort": (1, "8d20006ee7754658c663f02ecc039066e7ba023eb14905a56ba883de6db186c0"),
     "detect_hands": (1, "75c258a77896518217cdafbaf7966808b4a5d22ef1a75191be32bc583ac0f29f"),
     "triangulate": (1, "e6052b3b9cddc606731b798454631f69cd25f1f6fef2808f7c3620d633b37082"),
+    "annotate_round": (1, "3a716ad432b1ab69e32a4a28b62191ac79cd7f500996b66fb9c068b424821258"),
     "measure_quality": (1, "b174bea33ad4d45255dd2f7cf9b1479932b401275ad725975a8bcbc8de16db85"),
 }
 
 
 def test_results_move_only_with_the_version(world: Any, exact_bodies: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("stages.detect_hands.create_body_detector", lambda name, **options: _noisy(exact_bodies()))
+    monkeypatch.setattr("stages.annotate_round.load_mvexonet", lambda path: _Windows())
     made = _run_all(world)
     moved = {name: (stage.version, digest) for name, (stage, digest) in made.items() if _is_stale(stage, digest)}
     assert not moved, f"results moved: bump the version of the stages and write here what they give now: {moved}"
@@ -69,6 +77,9 @@ def _run_all(world: Any) -> dict[str, tuple[Stage[Any], str]]:
     joints = run(triangulate.STAGE, _TRIANGULATE, {"views": views, "keypoints": keypoints})
     inputs = {"views": views, "bodies": hands["bodies"], "body_keypoints": hands["body_keypoints"], **joints}
     run(measure_quality.STAGE, _MEASURE_QUALITY, inputs)
+    inputs = {"views": views, **rectified, "hand_boxes": hands["hand_boxes"], "crops": _crops(rectified, hands)}
+    inputs |= {"keypoints": keypoints, "joints": joints["joints"], "earlier_joints": joints["joints"]}
+    run(annotate_round.STAGE, _ANNOTATE_ROUND, inputs)
     return made
 
 
@@ -100,6 +111,56 @@ _TRIANGULATE = {
     "max_span_mm": 250.0,
 }
 _MEASURE_QUALITY = {"num_sync_frames": 10, "max_shift_frames": 2, "max_reprojection_px": 40.0}
+
+_ANNOTATE_ROUND = {
+    "weights": "",
+    "gamma": 1.5,
+    "min_box_joints": 11,
+    "min_inside": 0.5,
+    "min_views": 2,
+    "min_confidence": 0.1,
+    "min_keypoint_confidence": 0.1,
+    "batch_size": 3,
+    "stop_below_mm": 0.0,
+    "guard": {
+        "max_displacement_mm": 180.0,
+        "max_body_distance_mm": 400.0,
+        "min_size": 0.6,
+        "max_size": 1.5,
+        "max_bone_mm": 150.0,
+        "max_reprojection_ratio": 1.2,
+        "min_reprojection_px": 20.0,
+    },
+}
+
+
+class _Windows(MVExoNet):
+    """A network that answers with a mean hand, moved by where its windows show the world's origin."""
+
+    def __init__(self) -> None:
+        torch.nn.Module.__init__(self)
+        self.config = SMALL
+
+    def forward(self, images: Any, P_pixel_from_world: Any, is_view_used: Any, root_world_mm: Any, is_left: Any) -> Any:
+        origin_px = P_pixel_from_world[..., :2, 3] / P_pixel_from_world[..., 2:, 3].clamp(min=1.0)
+        shift_mm = 0.1 * (origin_px * is_view_used[..., None]).sum(dim=1)
+        hand = forward_kinematics(HandSkeleton.average(), HandPose("right", np.eye(4), np.zeros(20)))
+        joints = root_world_mm[:, None] + torch.from_numpy(hand - hand[ROOT]).float()
+        joints[..., :2] += shift_mm[:, None]
+        confidence = torch.linspace(0.05, 1.0, 21).expand(len(joints), -1)
+        return HandEstimate(joints, confidence, joints, torch.zeros(len(joints), 21, 2, 2, 2))
+
+
+def _crops(rectified: Tables, hands: Tables) -> pa.Table:
+    """Grey crops of the hands that were found."""
+    cameras = valid_cameras(rectified["rectified_views"])
+    image, rows = encode_jpeg(np.full((32, 32, 3), 99, np.uint8), 90), []
+    for box in hands["hand_boxes"].to_pylist():
+        row = {name: box[name] for name in (*CROPS.key, "valid", "reason")} | {"image": image}
+        if box["valid"]:
+            own = crop_camera(cameras[box["camera_id"]], box["center_rectified_px"], 1.5 * box["side_px"], 32)
+        rows.append(row | (camera_to_row(own) if box["valid"] else missing_camera_row()))
+    return CROPS.from_rows(rows)
 
 
 def _noisy(detector: Any) -> Any:
