@@ -39,9 +39,9 @@ class Recorded:
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
     folder = tmp_path_factory.mktemp("studio")
-    header = "sequence_id,split,calibration,videos,package,rig,duration_s,keypoints"
+    header = "sequence_id,split,calibration,videos,package,rig,duration_s,keypoints,ground_truth"
     row = f"{NAME},test,calib/nimble_json_calib/{NAME}.json,recordings/{NAME}/*_rgb.mp4,synthetic,assembly,"
-    row += f"{ORDER.duration_s},keypoints_from_truth/{NAME}"
+    row += f"{ORDER.duration_s},keypoints_from_truth/{NAME},ground_truth/{NAME}"
     (folder / "set.csv").write_text(f"{header}\n{row}\n")
     overrides = (f"manifest={folder / 'set.csv'}", "seq=all", "script_take.chunk_frames=1")
     outcome = pipeline("simulate", "executor=serial", *overrides, workspace=folder / "work")
@@ -141,3 +141,6 @@ def test_annotate_finds_the_joints_without_a_detector(recorded: Recorded) -> Non
     errors = np.linalg.norm(found - expected, axis=-1)
     assert len(both) == 2 * NUM_FRAMES and np.isfinite(errors).mean() > 0.9
     assert 0.5 < np.nanmedian(errors) < 8.0
+    assert f"{NAME} against the simulator's truth" in outcome.said
+    told = load(recorded.workspace / "runs" / "latest" / "evaluation_0")
+    assert np.allclose(np.sort(np.stack(told.error_mm).ravel()), np.sort(errors.ravel()), atol=1e-3, equal_nan=True)
