@@ -53,8 +53,7 @@ class DeliverRecordingConfig(StageConfig):
 
 def run(config: DeliverRecordingConfig, inputs: Tables, context: Context) -> Tables:
     """Write the files of one recording."""
-    take = inputs["takes"].to_pylist()[0]
-    order = Order(take["sequence_id"], take["rig"], take["duration_s"])
+    order = Order.of(inputs["takes"])
     rig, layout = order.build_rig(), DatasetLayout(context.blob_dir / _DRAFT)
     _write_videos(inputs["footage"], order, layout)
     write_assembly101_calibration(layout.calibration(order.recording), [*rig.exo.values(), *rig.ego.values()])

@@ -33,8 +33,8 @@ class FilmTakeConfig(StageConfig):
 
 def run(config: FilmTakeConfig, inputs: Tables, context: Context) -> Tables:
     """Film one chunk of frames."""
-    take, chunk = inputs["takes"].to_pylist()[0], inputs["chunks"].to_pylist()[0]
-    session = _session(Order(take["sequence_id"], take["rig"], take["duration_s"]))
+    session = _session(Order.of(inputs["takes"]))
+    (chunk,) = inputs["chunks"].to_pylist()
     frames = range(chunk["first_frame"], chunk["first_frame"] + chunk["num_frames"])
     shots = list(_film(config, session, frames, context))
     bodies = [row for shot in shots for row in stand_in_bodies(context.sequence_id, shot)]

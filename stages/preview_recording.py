@@ -36,8 +36,7 @@ class PreviewRecordingConfig(StageConfig):
 
 def run(config: PreviewRecordingConfig, inputs: Tables, context: Context) -> Tables:
     """Write two contact sheets."""
-    take = inputs["takes"].to_pylist()[0]
-    order = Order(take["sequence_id"], take["rig"], take["duration_s"])
+    order = Order.of(inputs["takes"])
     frame = round(config.at_share * (order.num_frames - 1))
     rig = order.build_rig()
     sheets: dict[str, list[Image]] = {_PLAIN: [], _DRAWN: []}

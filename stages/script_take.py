@@ -21,8 +21,7 @@ class ScriptTakeConfig(StageConfig):
 
 def run(config: ScriptTakeConfig, inputs: Tables, context: Context) -> Tables:
     """Script one recording and cut it into chunks that can be filmed side by side."""
-    row = inputs["takes"].to_pylist()[0]
-    order = Order(row["sequence_id"], row["rig"], row["duration_s"])
+    order = Order.of(inputs["takes"])
     chunks = CHUNKS.from_rows(list(_chunks(config, order)))
     return {"chunks": chunks, "actions": ACTIONS.from_rows(_actions(order.write_take().segments, context))}
 

@@ -16,6 +16,7 @@ from assemblyhands_core.data.arrays import to_numpy
 from assemblyhands_core.data.assemblyhands import KEY_RATE_HZ, JointAnnotations
 from assemblyhands_core.data.names import ego_serial
 from assemblyhands_core.hands.joints import HANDS, NUM_JOINTS
+from assemblyhands_core.synthetic.session import RATE_HZ
 
 JOINT_NOISE_MM: Final = np.array([*[2.0, 1.5, 1.5, 1.5] * 5, 2.0])
 """Standard deviation along each axis of a joint that `ENOUGH_VIEWS` show: one to two pixels of a click, seen from 1 m
@@ -28,7 +29,6 @@ ENOUGH_VIEWS: Final = 6
 MIN_VIEWS: Final = 2
 """A joint that fewer exocentric pictures show is not annotated."""
 
-_FRAMES_PER_SECOND: Final = 30
 _STREAM: Final = 0xA770
 
 
@@ -59,7 +59,7 @@ def annotate(recording: str, joints: pa.Table, views: pa.Table, frames: Iterable
         is_valid[index] = seen >= MIN_VIEWS
         true = np.stack([truth[frame, hand] for hand in HANDS])
         world[index] = np.where(is_valid[index][..., None], true + errors, np.nan)
-    keys = np.array(chosen, dtype=np.int64) * (KEY_RATE_HZ // _FRAMES_PER_SECOND)
+    keys = np.array(chosen, dtype=np.int64) * (KEY_RATE_HZ // RATE_HZ)
     return JointAnnotations(keys, world, is_valid)
 
 

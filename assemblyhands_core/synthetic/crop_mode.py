@@ -18,13 +18,12 @@ from assemblyhands_core.geometry.crops import crop_camera, rectified, source_pix
 from assemblyhands_core.hands.joints import HANDS, NUM_JOINTS, Hand
 from assemblyhands_core.synthetic.bodies import Scene
 from assemblyhands_core.synthetic.crop_boxes import TIGHT_BOX, CropBox, Windows
-from assemblyhands_core.synthetic.figure import HAND_IDS
+from assemblyhands_core.synthetic.figure import JOINT_OWNERS
 from assemblyhands_core.synthetic.render import BackgroundCache, Sensor, render_crops, visibility
 from assemblyhands_core.synthetic.rig import Rig
 from assemblyhands_core.synthetic.scene import Studio
 from assemblyhands_core.synthetic.take import State, Take
 
-_OWNERS: Final = np.repeat([HAND_IDS[hand] for hand in HANDS], NUM_JOINTS)
 _BOX_STREAM: Final = 0xC409
 _OUTLINE_POINTS: Final = 17
 _TICKS_PER_S: Final = 1000
@@ -107,7 +106,7 @@ class CropInstant:
         joints_px = np.stack([camera.project(joints) for camera in cameras])
         is_in_crop = np.stack([c.contains(px) for c, px in zip(cameras, joints_px, strict=True)])
         is_visible = self.is_visible[:, HANDS.index(hand)]
-        segment = self.state.segments[0] if self.state.segments else None
+        verb, noun = self.state.action
         return HandViews(
             hand=hand,
             t_s=self.state.t_s,
@@ -119,8 +118,8 @@ class CropInstant:
             joints_px=joints_px,
             is_in_crop=is_in_crop & is_valid[:, None],
             is_visible=is_visible,
-            verb=segment.verb if segment else "",
-            noun=segment.noun if segment else "",
+            verb=verb,
+            noun=noun,
             occlusion_rate=1.0 - float(is_visible.sum() / is_inside.sum()) if is_inside.any() else float("nan"),
         )
 
@@ -136,7 +135,7 @@ class CropInstant:
     def is_visible(self) -> Bool[np.ndarray, "view hand=2 joint=21"]:
         """Which joints in the pictures nothing hides; found once for both hands and all boxes."""
         joints = self.state.joints_world_mm
-        seen = visibility(self.scene, self.sources, joints, _OWNERS, background_cache=self.cache)
+        seen = visibility(self.scene, self.sources, joints, JOINT_OWNERS, background_cache=self.cache)
         return seen.reshape(len(self.sources), len(HANDS), NUM_JOINTS)
 
     @property

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float32, Float64, Int32
 
 from assemblyhands_core.geometry import transforms
-from assemblyhands_core.hands.joints import HANDS, Hand
+from assemblyhands_core.hands.joints import HANDS, NUM_JOINTS, Hand
 from assemblyhands_core.synthetic.bodies import Body, Color
 from assemblyhands_core.synthetic.hand_mesh import PARTS, HandMesh
 from assemblyhands_core.synthetic.materials import Texture
@@ -21,6 +21,8 @@ from assemblyhands_core.synthetic.solids import Box, Lathe, Solid, cylinder, tap
 from assemblyhands_core.synthetic.take import State
 
 HAND_IDS: Final[Mapping[Hand, int]] = {"right": 1, "left": 2}
+JOINT_OWNERS: Final = np.repeat([HAND_IDS["right"], HAND_IDS["left"]], NUM_JOINTS)
+"""The hand that each of `State.joints_world_mm` belongs to."""
 ARM_IDS: Final[Mapping[Hand, int]] = {"right": 3, "left": 4}
 TRUNK_ID: Final = 5
 HEAD_ID: Final = 6

@@ -6,12 +6,13 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+import pyarrow as pa
 from jaxtyping import UInt8
 
 from assemblyhands_core.data.ground_truth import TrueInstant
 from assemblyhands_core.data.names import parse_recording_name
 from assemblyhands_core.hands.joints import HANDS, NUM_JOINTS
-from assemblyhands_core.synthetic.figure import HAND_IDS
+from assemblyhands_core.synthetic.figure import JOINT_OWNERS
 from assemblyhands_core.synthetic.render import BackgroundCache, Sensor, render, visibility
 from assemblyhands_core.synthetic.rig import RIGS, Rig, RigKind
 from assemblyhands_core.synthetic.scene import Studio
@@ -19,8 +20,6 @@ from assemblyhands_core.synthetic.take import State, Take
 
 RATE_HZ: Final = 30
 """Frames a second of the studio's videos."""
-
-_OWNERS: Final = np.repeat([HAND_IDS[hand] for hand in HANDS], NUM_JOINTS)
 
 
 @dataclass(frozen=True)
@@ -40,6 +39,12 @@ class Order:
     recording: str
     rig: RigKind
     duration_s: float
+
+    @staticmethod
+    def of(takes: pa.Table) -> "Order":
+        """Return the one row of a `studio_tables.TAKES` table."""
+        (row,) = takes.to_pylist()
+        return Order(row["sequence_id"], row["rig"], row["duration_s"])
 
     def __post_init__(self) -> None:
         """Refuse a name that tells nobody who is recorded."""
@@ -109,16 +114,16 @@ class Session:
             for name, camera in cameras.items()
         }
         is_seen = visibility(
-            scene, list(cameras.values()), state.joints_world_mm, _OWNERS, background_cache=self._cache
+            scene, list(cameras.values()), state.joints_world_mm, JOINT_OWNERS, background_cache=self._cache
         ).reshape(-1, len(HANDS), NUM_JOINTS)
-        segment = state.segments[0] if state.segments else None
+        verb, noun = state.action
         truth = TrueInstant(
             frame=frame,
             joints_world_mm=state.joints_world_mm.reshape(len(HANDS), NUM_JOINTS, 3),
             cameras=cameras,
             is_unoccluded=dict(zip(cameras, is_seen, strict=True)),
             T_headset_from_world=state.T_headset_from_world if self.rig.ego else None,
-            verb=segment.verb if segment else "",
-            noun=segment.noun if segment else "",
+            verb=verb,
+            noun=noun,
         )
         return Shot(images, state, truth)

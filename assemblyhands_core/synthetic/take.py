@@ -50,6 +50,11 @@ class State:
     T_headset_from_world: Float64[np.ndarray, "4 4"]
     segments: tuple[Segment, ...]
 
+    @property
+    def action(self) -> tuple[str, str]:
+        """Return verb and noun of what is being done, of the action that began first; empty between actions."""
+        return (self.segments[0].verb, self.segments[0].noun) if self.segments else ("", "")
+
 
 @dataclass(frozen=True, eq=False)
 class Take:
