@@ -30,8 +30,6 @@ from assemblyhands_core.data.round_outcomes import (
 from assemblyhands_core.data.rounds import HandWindows, KnownHand, WindowRule, hand_windows, joints_or_nan, known_hands
 from assemblyhands_core.hands.divergence import Divergence, Limits, Step, divergence
 from assemblyhands_core.hands.joints import NUM_JOINTS, WRIST
-from assemblyhands_core.models.annotation import estimate_hands
-from assemblyhands_core.models.pretrained import load_mvexonet
 from stages._contract import Context, Stage, StageConfig, Tables
 
 _REPOSITORY: Final = Path(__file__).resolve().parents[1]
@@ -159,6 +157,10 @@ def _asked(
     """Return joints (G, 21, 3) and confidence (G, 21) that the network gives, NaN where it is not asked."""
     joints, confidence = np.full((len(windows), NUM_JOINTS, 3), np.nan), np.full((len(windows), NUM_JOINTS), np.nan)
     if is_asked.any():
+        # Importing torch takes seconds, which every command would pay at the head of this file.
+        from assemblyhands_core.models.annotation import estimate_hands
+        from assemblyhands_core.models.pretrained import load_mvexonet
+
         hands = list(compress(windows, is_asked))
         network = load_mvexonet(config.weights_path)
         found = estimate_hands(network, hands, config.batch_size, context.num_threads)

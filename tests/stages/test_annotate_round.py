@@ -188,7 +188,7 @@ def run(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> Callable[..., dict[str
     """Return the stage, run with a network and some of its inputs and parameters replaced."""
 
     def run_stage(network: MVExoNet, inputs: Any = None, **how: Any) -> dict[str, list[dict[str, Any]]]:
-        monkeypatch.setattr("stages.annotate_round.load_mvexonet", lambda path: network)
+        monkeypatch.setattr("assemblyhands_core.models.pretrained.load_mvexonet", lambda path: network)
         tables = STAGE.run(CONFIG.model_copy(update=how), scene.inputs | (inputs or {}), Context(Path(), "s"))
         return {name: table.to_pylist() for name, table in tables.items()}
 
