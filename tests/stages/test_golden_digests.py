@@ -38,7 +38,7 @@ GOLDEN = {
 
 def test_results_move_only_with_the_version(world: Any, exact_bodies: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("stages.detect_hands.create_body_detector", lambda name, **options: _noisy(exact_bodies()))
-    monkeypatch.setattr("stages.annotate_round.load_mvexonet", lambda path: _Windows())
+    monkeypatch.setattr("assemblyhands_core.models.pretrained.load_mvexonet", lambda path: _Windows())
     made = _run_all(world)
     moved = {name: (stage.version, digest) for name, (stage, digest) in made.items() if _is_stale(stage, digest)}
     assert not moved, f"results moved: bump the version of the stages and write here what they give now: {moved}"
