@@ -12,7 +12,7 @@ from omegaconf.errors import OmegaConfBaseException
 
 from pipeline.commands import execute
 from pipeline.config import CONF_FOLDER, UserError, check_config, unknown_key_message
-from pipeline.dag import TARGETS, build_dag
+from pipeline.dag import build_dag
 from pipeline.describe import describe
 from pipeline.overrides import is_sweep, literal, stray_word
 
@@ -33,11 +33,12 @@ often used parameters
   seq=NAME               a sequence of the manifest; names with commas, a glob, or all
   rig.calibration=PATH   with rig.videos='GLOB' and seq=NAME: a rig of your own
   target=NAME            a node or target to stop at
+  rounds=3               how often MVExoNet refines 2D + triangulation; 0: not at all
   executor=serial        everything in this process, for debuggers (default: local)
   triangulate.max_reprojection_px=8    any parameter of a stage; --cfg job prints them all
   -m PARAMETER=A,B       a sweep; shared work is done once
 
-Results: work/runs/latest/<node>/<table>/*.parquet; in Python: assemblyhands_core.data.store.load("round_0")
+Results: work/runs/latest/<node>/<table>/*.parquet; in Python: assemblyhands_core.data.store.load("round_3")
 """
 
 
@@ -58,7 +59,7 @@ def main() -> int:
 
     def job(composed: DictConfig) -> None:
         if _INTERRUPTED not in codes:  # a job that fails does not stop a sweep, the user does
-            codes.append(_reported(lambda: execute(command, check_config(composed, build_dag()), command_line)))
+            codes.append(_reported(lambda: execute(command, check_config(composed), command_line)))
 
     sys.argv = [sys.argv[0], *overrides]
     os.environ["HYDRA_FULL_ERROR"] = "1"  # let errors through to us instead of printing tracebacks
@@ -88,9 +89,10 @@ def _split_command(arguments: list[str]) -> tuple[str, list[str]]:
     first, rest = arguments[0], arguments[1:]
     if first in _COMMANDS:
         return first, rest
-    if first in TARGETS:
+    targets = build_dag().targets
+    if first in targets:
         return "run", [f"target={first}", *rest]
-    raise UserError(f"there is no command {first}; choose among {', '.join(dict.fromkeys([*TARGETS, *_COMMANDS[1:]]))}")
+    raise UserError(f"there is no command {first}; choose among {', '.join(dict.fromkeys([*targets, *_COMMANDS[1:]]))}")
 
 
 def _check_overrides(overrides: list[str]) -> None:

@@ -9,7 +9,7 @@ from typing import Any, Literal
 from omegaconf import DictConfig, OmegaConf
 from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, ValidationError
 
-from pipeline.dag import CROP_EDGE, TAKE_EDGE, TARGETS, Dag
+from pipeline.dag import CROP_EDGE, TAKE_EDGE, Dag, build_dag
 from stages._contract import StageConfig
 
 CONF_FOLDER = Path(__file__).resolve().parents[1] / "conf"
@@ -53,6 +53,7 @@ class RunConfig(_Model):
     manifest: str | None
     workspace: Path
     run: str
+    rounds: int = Field(ge=0, le=9)
     rig: RigConfig
     executor: ExecutorConfig
     gc: GcConfig
@@ -67,7 +68,7 @@ class RunConfig(_Model):
     @property
     def wanted_nodes(self) -> tuple[str, ...]:
         """Return the nodes that the target stands for."""
-        return TARGETS.get(self.target, (self.target,))
+        return self._dag.targets.get(self.target, (self.target,))
 
     @property
     def starts_in_studio(self) -> bool:
@@ -85,7 +86,7 @@ class RunConfig(_Model):
         return self._stages
 
 
-def check_config(composed: DictConfig, dag: Dag) -> RunConfig:
+def check_config(composed: DictConfig) -> RunConfig:
     """Return the frozen configuration of what Hydra composed: the run's own parameters and each stage's.
 
     Raises:
@@ -93,12 +94,13 @@ def check_config(composed: DictConfig, dag: Dag) -> RunConfig:
     """
     values = OmegaConf.to_container(composed, resolve=True)
     assert isinstance(values, dict)
-    classes = {node.stage.name: node.stage.config for node in dag.nodes.values()}
+    classes = {node.stage.name: node.stage.config for node in build_dag().nodes.values()}
     stages = {name: _validate(cls, values.pop(name), f"{name}.") for name, cls in classes.items()}
     config: RunConfig = _validate(RunConfig, values, "")
+    dag = build_dag(config.rounds)
     config._dag, config._stages = dag, stages
-    if config.target not in TARGETS and config.target not in dag.nodes:
-        raise UserError(f"target={config.target} is unknown; choose among {', '.join([*TARGETS, *dag.nodes])}")
+    if (known := [*dag.targets, *dag.nodes]) and config.target not in known:
+        raise UserError(f"target={config.target} is unknown; choose among {', '.join(known)}")
     return config
 
 

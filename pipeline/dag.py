@@ -75,6 +75,7 @@ class Dag:
 
     def __init__(self) -> None:
         self.nodes: dict[str, Node] = {}
+        self.targets: dict[str, tuple[str, ...]] = {}  # what a user asks for → the nodes that it stands for
 
     def add(self, name: str, stage: Stage[Any], **inputs: str) -> None:
         """Add a node; ``inputs`` maps each role of the stage to ``"node.output"`` or one of ``ORIGINS``.
@@ -130,13 +131,23 @@ class Dag:
             raise ValueError(f"node {name}: role {role} takes table {wanted.name}, {edge} is table {found.name}")
 
 
-def build_dag() -> Dag:
-    """Return the whole pipeline."""
+def build_dag(num_rounds: int = 3) -> Dag:
+    """Return the whole pipeline; its annotation is that of the last round, 2D + triangulation without any."""
     dag = Dag()
     _add_studio(dag)
     _add_training(dag)
     _add_annotation(dag)
-    _add_evaluation(dag)
+    _add_rounds(dag, num_rounds)
+    _add_results(dag, f"round_{num_rounds}")
+    evaluations = _add_evaluation(dag, num_rounds)
+    dag.targets |= {
+        "annotate": ("quality", "overlay", *evaluations),
+        "evaluate": evaluations,
+        "doctor": ("audit",),
+        "undistort": ("undistort",),
+        "simulate": ("delivery", "preview"),
+        "train": ("body_weights", "keypoint_weights", "mvexonet_weights"),
+    }
     return dag
 
 
@@ -153,8 +164,6 @@ def _add_studio(dag: Dag) -> None:
         true_joints="film.true_joints",
         true_views="film.true_views",
         true_instants="film.true_instants",
-        stand_in_bodies="film.stand_in_bodies",
-        stand_in_hands="film.stand_in_hands",
     )
     dag.add("preview", preview_recording.STAGE, takes=TAKE_EDGE, footage="film.footage", true_views="film.true_views")
 
@@ -198,31 +207,15 @@ def _add_annotation(dag: Dag) -> None:
         body_keypoints="detect_hands.body_keypoints",
     )
     dag.add("round_0", triangulate.STAGE, views="ingest.views", keypoints="detect_keypoints.keypoints")
-    _add_rounds(dag)
-    dag.add(
-        "quality",
-        measure_quality.STAGE,
-        views="ingest.views",
-        body_keypoints="detect_hands.body_keypoints",
-        bodies="detect_hands.bodies",
-        joints="round_0.joints",
-        residuals="round_0.residuals",
-    )
-    dag.add(
-        "overlay",
-        draw_overlays.STAGE,
-        views="ingest.views",
-        body_keypoints="detect_hands.body_keypoints",
-        joints="round_0.joints",
-    )
 
 
-def _add_rounds(dag: Dag) -> None:
+def _add_rounds(dag: Dag, num_rounds: int) -> None:
     """Add how the joints of a round are the boxes and the root of the next one; the network stays the same.
 
     With the round before that a hand that stands still can be told; round 1 knows of none and takes the same one twice.
+    Round 1 is there even where none is wanted, so that the parameters of its stage are known.
     """
-    for number in (1, 2, 3):
+    for number in range(1, max(num_rounds, 1) + 1):
         before, earlier = number - 1, max(number - 2, 0)
         dag.add(
             f"round_{number}",
@@ -237,19 +230,34 @@ def _add_rounds(dag: Dag) -> None:
         )
 
 
-def _add_evaluation(dag: Dag) -> None:
+def _add_results(dag: Dag, last: str) -> None:
+    """Add what shows an annotation: how good it is, and pictures."""
+    dag.add(
+        "quality",
+        measure_quality.STAGE,
+        views="ingest.views",
+        body_keypoints="detect_hands.body_keypoints",
+        bodies="detect_hands.bodies",
+        joints=f"{last}.joints",
+        triangulated="round_0.joints",
+        residuals="round_0.residuals",
+    )
+    dag.add(
+        "overlay",
+        draw_overlays.STAGE,
+        views="ingest.views",
+        body_keypoints="detect_hands.body_keypoints",
+        joints=f"{last}.joints",
+    )
+
+
+def _add_evaluation(dag: Dag, num_rounds: int) -> tuple[str, ...]:
     """Add how each round is held against the truth, on its own, so that a further round leaves the others' figures."""
-    for number in range(4):
-        dag.add(f"evaluation_{number}", evaluate.STAGE, truth=TRUTH_EDGE, joints=f"round_{number}.joints")
+    names = tuple(f"evaluation_{number}" for number in range(num_rounds + 1))
+    for number, name in enumerate(names):
+        dag.add(name, evaluate.STAGE, truth=TRUTH_EDGE, joints=f"round_{number}.joints")
+    return names
 
 
-TARGETS: Final[Mapping[str, tuple[str, ...]]] = {
-    "annotate": ("quality", "overlay", "evaluation_0"),
-    "evaluate": tuple(f"evaluation_{number}" for number in range(4)),
-    "doctor": ("audit",),
-    "undistort": ("undistort",),
-    "simulate": ("delivery", "preview"),
-    "train": ("keypoint_weights", "mvexonet_weights"),
-}
 LOOKING_TARGETS: Final = frozenset({"doctor"})
 """They make nothing that anyone would go on with."""

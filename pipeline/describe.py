@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import pyarrow as pa
 
 from assemblyhands_core.data.tables import TableSpec
-from pipeline.dag import CROP_EDGE, SOURCE_EDGE, TAKE_EDGE, TARGETS, TRUTH_EDGE, Dag
+from pipeline.dag import CROP_EDGE, SOURCE_EDGE, TAKE_EDGE, TRUTH_EDGE, Dag
 
 _ORIGINS = {
     SOURCE_EDGE: "the recording's files",
@@ -17,7 +17,7 @@ _ORIGINS = {
 
 def describe(dag: Dag) -> str:
     """Return the document."""
-    return "\n".join([*_head(), *_nodes(dag), *_targets(), *_tables(dag)]) + "\n"
+    return "\n".join([*_head(), *_nodes(dag), *_targets(dag), *_tables(dag)]) + "\n"
 
 
 def _head() -> Iterator[str]:
@@ -40,8 +40,8 @@ def _nodes(dag: Dag) -> Iterator[str]:
     yield ""
 
 
-def _targets() -> Iterator[str]:
-    for target, nodes in TARGETS.items():
+def _targets(dag: Dag) -> Iterator[str]:
+    for target, nodes in dag.targets.items():
         yield f"`target={target}` makes {', '.join(f'`{node}`' for node in nodes)} and what they need.  "
     yield ""
 

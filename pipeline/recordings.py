@@ -24,6 +24,7 @@ class Recording:
         calibration: the rig's calibration.
         videos: camera name (the file's stem) → file.
         keypoints: folder of 2D keypoints that come with it and take the place of detectors; None without any.
+        detector: finds keypoints where none come with it.
         ground_truth: folder of what is true in it, for evaluation alone; None where nobody knows.
     """
 
@@ -31,6 +32,7 @@ class Recording:
     calibration: Path
     videos: Mapping[str, Path]
     keypoints: Path | None = None
+    detector: str = "mediapipe"
     ground_truth: Path | None = None
 
     def origin_rows(self, digests: FileDigests) -> Mapping[str, Sequence[Mapping[str, str]]]:
@@ -78,6 +80,7 @@ def _from_manifest(row: ManifestRow, workspace: Path) -> Recording:
     return replace(
         found,
         keypoints=_optional_folder(folder, row, "keypoints"),
+        detector="learned" if row["package"] == STUDIO_PACKAGE else found.detector,
         ground_truth=_optional_folder(folder, row, "ground_truth"),
     )
 
@@ -88,7 +91,6 @@ def _studio_paths(sequence_id: str) -> dict[str, str]:
     return {
         "calibration": str(layout.calibration(sequence_id)),
         "videos": str(layout.video(sequence_id, "x").with_name("*_rgb.mp4")),
-        "keypoints": str(layout.stand_in_keypoints(sequence_id)),
         "ground_truth": str(layout.ground_truth(sequence_id)),
     }
 

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Any, ClassVar, Final, Literal
 
 from assemblyhands_core.data.digests import FileDigests
 from assemblyhands_core.data.layout import DatasetLayout
@@ -32,6 +32,7 @@ class OrderedTake:
     duration_s: float
     package: str
     keypoints: None = None
+    detector: ClassVar[str] = ""
 
     def origin_rows(self, digests: FileDigests) -> Mapping[str, Sequence[Mapping[str, Any]]]:
         """Return the order's row by its edge; no file is read."""

@@ -101,7 +101,9 @@ class SequenceWork:
 
     def _stage_config(self, node: Node) -> StageConfig:
         config = self.config.stages[node.stage.name]
-        return config.resolved(self.recording.keypoints) if isinstance(config, DetectorConfig) else config
+        if isinstance(config, DetectorConfig):
+            return config.resolved(self.recording.keypoints, self.recording.detector)
+        return config
 
     def _externals(self, node: Node, config: StageConfig) -> tuple[Mapping[str, str], str]:
         """Return a node's externals and what is wrong with them; asked once, as digesting files takes time."""

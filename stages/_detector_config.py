@@ -11,8 +11,7 @@ from assemblyhands_core.detectors.registry import fingerprint
 from stages._contract import StageConfig
 
 AUTO: Final = "auto"
-"""The keypoints that come with a recording; where none do, the default detector."""
-_FINDS_BY_DEFAULT: Final = "mediapipe"
+"""The keypoints that come with a recording; where none do, the detector that suits its pictures."""
 
 
 class DetectorConfig(StageConfig):
@@ -32,16 +31,17 @@ class DetectorConfig(StageConfig):
         """Return the options of the detector that runs, for one sequence."""
         return options_for_sequence(self.options[self.detector], sequence_id)
 
-    def resolved(self, keypoints: Path | None) -> Self:
+    def resolved(self, keypoints: Path | None, detector: str) -> Self:
         """Return the configuration with the detector that runs for a recording.
 
         Args:
             keypoints: Folder of the 2D keypoints that come with the recording; None where a detector has to find them.
+            detector: The one that suits its pictures.
         """
         if self.detector != AUTO:
             return self
         if keypoints is None:
-            return self.model_copy(update={"detector": _FINDS_BY_DEFAULT})
+            return self.model_copy(update={"detector": detector})
         options = {**self.options, "precomputed": {"root": str(keypoints / self.keypoints_file)}}
         return self.model_copy(update={"detector": "precomputed", "options": options})
 

@@ -28,8 +28,8 @@ from assemblyhands_core.data.round_outcomes import (
     mean_of_known,
 )
 from assemblyhands_core.data.rounds import HandWindows, KnownHand, WindowRule, hand_windows, joints_or_nan, known_hands
-from assemblyhands_core.hands.divergence import Divergence, Limits, Step, divergence
-from assemblyhands_core.hands.joints import NUM_JOINTS, WRIST
+from assemblyhands_core.hands.divergence import Course, Divergence, Limits, Step, divergence, unsteadiness
+from assemblyhands_core.hands.joints import HANDS, NUM_JOINTS, WRIST
 from stages._contract import Context, Stage, StageConfig, Tables
 
 _REPOSITORY: Final = Path(__file__).resolve().parents[1]
@@ -48,6 +48,8 @@ class GuardConfig(StageConfig):
     max_bone_mm: float = Field(gt=0)
     max_reprojection_ratio: float = Field(ge=1)
     min_reprojection_px: float = Field(ge=0)
+    max_spread_ratio: float = Field(ge=1)
+    min_instants: int = Field(ge=2)
 
     def limits(self) -> Limits:
         """Return it as the guard takes it."""
@@ -96,6 +98,9 @@ def run(config: AnnotateRoundConfig, inputs: Tables, context: Context) -> Tables
     for index in np.flatnonzero(reason == "").tolist():
         doubt = _doubt(known[index], by_key, joints[index], now_px[index], before_px[index], config.guard.limits())
         reason[index], note[index] = doubt or ("", "")
+    for rows in _courses(known, reason == ""):
+        doubt = _doubt_of_all(joints[rows], joints_or_nan(previous)[rows], now_px[rows], before_px[rows], config)
+        reason[rows], note[rows] = doubt or ("", "")
     outcome = RoundOutcome(
         previous=previous,
         windows=windows,
@@ -189,6 +194,21 @@ def _doubt(
         previous_reprojection_px=_median(before_px[is_comparable]),
     )
     return divergence(step, limits)
+
+
+def _courses(known: Sequence[KnownHand], is_believed: npt.NDArray[np.bool_]) -> list[npt.NDArray[np.int64]]:
+    """Return for each hand the rows of its instants that are believed one by one."""
+    sides = np.array([hand.key[2] for hand in known])
+    return [rows for side in HANDS if len(rows := np.flatnonzero(is_believed & (sides == side)))]
+
+
+def _doubt_of_all(
+    joints: Floats, previous: Floats, now_px: Floats, before_px: Floats, config: AnnotateRoundConfig
+) -> Divergence | None:
+    """Return why all estimates of a hand are not believed."""
+    is_comparable = np.isfinite(before_px) & np.isfinite(now_px)
+    pixels = _median(now_px[is_comparable]), _median(before_px[is_comparable])
+    return unsteadiness(Course(joints, previous, *pixels), config.guard.limits())
 
 
 def _median(values: Floats) -> float:

@@ -28,11 +28,8 @@ from assemblyhands_core.data.studio_tables import (
     ACTIONS,
     DELIVERED,
     FOOTAGE,
-    STAND_IN_BODIES,
-    STAND_IN_HANDS,
     TAKES,
 )
-from assemblyhands_core.data.tables import write_parquet
 from assemblyhands_core.data.video_concatenation import concatenate
 from assemblyhands_core.geometry.cameras import Camera
 from assemblyhands_core.synthetic.annotator import annotate
@@ -62,7 +59,6 @@ def run(config: DeliverRecordingConfig, inputs: Tables, context: Context) -> Tab
         {spec.name: inputs[spec.name] for spec in (TRUE_JOINTS, TRUE_VIEWS, TRUE_INSTANTS)},
     )
     _write_labels(config, inputs, order, rig, layout.labels(order.recording))
-    _write_stand_ins(inputs, layout.stand_in_keypoints(order.recording))
     return {"delivered": DELIVERED.from_rows(_flattened(layout.root, context))}
 
 
@@ -122,12 +118,6 @@ def _segments(actions: pa.Table, order: Order, views: tuple[str, ...]) -> list[S
     return list(dict.fromkeys(found))
 
 
-def _write_stand_ins(inputs: Tables, folder: Path) -> None:
-    folder.mkdir(parents=True)
-    for name, spec in (("bodies", STAND_IN_BODIES), ("hands", STAND_IN_HANDS)):
-        write_parquet(folder / f"{name}.parquet", inputs[spec.name], spec, {"source": "the truth, with noise"})
-
-
 def _flattened(root: Path, context: Context) -> list[dict[str, str]]:
     """Move all files below a folder into the entry, which has no folders; return a row for each."""
     rows = []
@@ -143,7 +133,7 @@ def _flattened(root: Path, context: Context) -> list[dict[str, str]]:
 
 STAGE = Stage(
     name="deliver_recording",
-    version=1,
+    version=2,
     config=DeliverRecordingConfig,
     inputs={
         "takes": TAKES,
@@ -152,8 +142,6 @@ STAGE = Stage(
         "true_joints": TRUE_JOINTS,
         "true_views": TRUE_VIEWS,
         "true_instants": TRUE_INSTANTS,
-        "stand_in_bodies": STAND_IN_BODIES,
-        "stand_in_hands": STAND_IN_HANDS,
     },
     outputs={"delivered": DELIVERED},
     run=run,

@@ -24,6 +24,7 @@ class DrawBodyViewsConfig(StageConfig):
     """Parameters of drawing."""
 
     width_px: int = Field(ge=64, le=1920)
+    every_nth_take: int = Field(ge=1)
     num_instants: int = Field(ge=1)
     num_views: int = Field(ge=1)
     jpeg_quality: int = Field(ge=1, le=100)
@@ -32,6 +33,8 @@ class DrawBodyViewsConfig(StageConfig):
 def run(config: DrawBodyViewsConfig, inputs: Tables, context: Context) -> Tables:
     """Draw some views at some instants of one take."""
     (order,), (chunk,) = inputs["orders"].to_pylist(), inputs["chunks"].to_pylist()
+    if chunk["chunk"] % config.every_nth_take:
+        return {"labels": BODY_LABELS.empty()}
     subject = training_subject(order["split"], chunk["chunk"])
     take = draw_training_take(subject, chunk["chunk"], order["rig"], num_instants=config.num_instants)
     studio, rng = take.open(), np.random.default_rng([take.take_seed, _VIEW_STREAM])

@@ -1,4 +1,4 @@
-"""Film a synthetic recording: pictures of all cameras, what is true in them, and keypoints that stand in for detectors.
+"""Film a synthetic recording: pictures of all cameras, and what is true in them.
 
 Frames are independent of one another, so chunks can be filmed anywhere and in any order. Room, script and the pictures
 of what never moves are kept from chunk to chunk by each process.
@@ -17,10 +17,9 @@ from assemblyhands_core.data.blob_names import blob_name
 from assemblyhands_core.data.catalog import CHUNKS
 from assemblyhands_core.data.digests import digest_file
 from assemblyhands_core.data.ground_truth import TRUE_INSTANTS, TRUE_JOINTS, TRUE_VIEWS, ground_truth_tables
-from assemblyhands_core.data.studio_tables import FOOTAGE, STAND_IN_BODIES, STAND_IN_HANDS, TAKES
+from assemblyhands_core.data.studio_tables import FOOTAGE, TAKES
 from assemblyhands_core.data.video_writer import VideoWriter
 from assemblyhands_core.synthetic.session import RATE_HZ, Order, Session, Shot
-from assemblyhands_core.synthetic.stand_ins import stand_in_bodies, stand_in_hands
 from stages._contract import Context, Stage, StageConfig, Tables
 from stages._simulator import simulator_externals
 
@@ -37,13 +36,9 @@ def run(config: FilmTakeConfig, inputs: Tables, context: Context) -> Tables:
     (chunk,) = inputs["chunks"].to_pylist()
     frames = range(chunk["first_frame"], chunk["first_frame"] + chunk["num_frames"])
     shots = list(_film(config, session, frames, context))
-    bodies = [row for shot in shots for row in stand_in_bodies(context.sequence_id, shot)]
-    hands = [row for shot in shots for row in stand_in_hands(context.sequence_id, shot)]
     return {
         "footage": FOOTAGE.from_rows([_footage_row(camera_id, frames, context) for camera_id in session.camera_ids]),
         **ground_truth_tables(context.sequence_id, [shot.truth for shot in shots]),
-        "stand_in_bodies": STAND_IN_BODIES.from_rows(bodies),
-        "stand_in_hands": STAND_IN_HANDS.from_rows(hands),
     }
 
 
@@ -81,7 +76,7 @@ def _footage_row(camera_id: str, frames: range, context: Context) -> dict[str, A
 
 STAGE = Stage(
     name="film_take",
-    version=1,
+    version=2,
     config=FilmTakeConfig,
     inputs={"takes": TAKES, "chunks": CHUNKS},
     outputs={
@@ -89,8 +84,6 @@ STAGE = Stage(
         "true_joints": TRUE_JOINTS,
         "true_views": TRUE_VIEWS,
         "true_instants": TRUE_INSTANTS,
-        "stand_in_bodies": STAND_IN_BODIES,
-        "stand_in_hands": STAND_IN_HANDS,
     },
     run=run,
     shard="chunk",

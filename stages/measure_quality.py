@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
+import pyarrow.compute as pc
 from pydantic import Field
 
 from assemblyhands_core.data.arrays import to_numpy
@@ -22,14 +23,19 @@ from assemblyhands_core.data.catalog import (
     RESIDUALS,
     VIEWS,
 )
+from assemblyhands_core.data.keypoint_rows import rows_of_hands
+from assemblyhands_core.data.round_outcomes import KEPT
+from assemblyhands_core.data.rounds import joints_or_nan
 from assemblyhands_core.geometry.synchronisation import estimate_synchronisation
 from assemblyhands_core.hands.body import ARMS, NUM_BODY_KEYPOINTS
-from assemblyhands_core.hands.joints import BONES, FINGERS, HANDS, JOINT_NAMES, NUM_JOINTS, WRIST, Hand
+from assemblyhands_core.hands.joints import BONES, FINGERS, HANDS, JOINT_NAMES, WRIST, Hand
+from assemblyhands_core.hands.kinematics import bone_lengths_mm
+from assemblyhands_core.hands.steadiness import bones_spread_mm, robust_sd
 from stages._contract import Context, Stage, StageConfig, Tables
 
 Cell = tuple[str, str, str, float, int]  # table, row, metric, value, n
 Floats = npt.NDArray[np.floating[Any]]
-_SD_OVER_MAD = 1.4826  # of a normal distribution
+_NEAR_MM = 20.0
 
 
 class MeasureQualityConfig(StageConfig):
@@ -44,6 +50,7 @@ def run(config: MeasureQualityConfig, inputs: Tables, context: Context) -> Table
     """Measure one sequence."""
     cells = [
         *_coverage(inputs["joints"]),
+        *_agreement(inputs["joints"], inputs["triangulated"]),
         *_wrists(inputs),
         *_reprojection(inputs["residuals"]),
         *_hand_bones(inputs["joints"]),
@@ -64,6 +71,23 @@ def _coverage(joints: pa.Table) -> Iterator[Cell]:
         names, counts = np.unique(np.where(reasons == "", "valid", reasons).astype(str), return_counts=True)
         for name, count in sorted(zip(names, counts, strict=True), key=lambda pair: -pair[1]):
             yield "joints by outcome (%)", str(name), side, 100.0 * count / reasons.size, int(count)
+
+
+def _agreement(joints: pa.Table, triangulated: pa.Table) -> Iterator[Cell]:
+    """Yield how far the joints are from those of 2D + triangulation, and whose bones are the more constant."""
+    if to_numpy(joints["round"]).max(initial=0) == 0:
+        return
+    own_mm, first_mm = joints_or_nan(joints), joints_or_nan(triangulated)[rows_of_hands(joints, triangulated)]
+    is_kept = pc.starts_with(joints["source"], KEPT).to_numpy(zero_copy_only=False)
+    for side in HANDS:
+        of_side = _rows_of(joints, side)
+        apart_mm = _known(np.linalg.norm(own_mm - first_mm, axis=-1)[of_side])
+        table = "agreement with 2D + triangulation"
+        yield table, side, "median distance (mm)", _median(apart_mm), len(apart_mm)
+        yield table, side, "within 20 mm (%)", _percent(apart_mm <= _NEAR_MM), len(apart_mm)
+        yield table, side, "hands kept from an earlier round (%)", _percent(is_kept[of_side]), int(of_side.sum())
+        for name, points in (("bones' spread (mm)", own_mm), ("bones' spread before (mm)", first_mm)):
+            yield table, side, name, bones_spread_mm(points[of_side]), sum(map(len, _bones_mm(points[of_side])))
 
 
 def _wrists(inputs: Tables) -> Iterator[Cell]:
@@ -95,17 +119,20 @@ def _reprojection(residuals: pa.Table) -> Iterator[Cell]:
 
 def _hand_bones(joints: pa.Table) -> Iterator[Cell]:
     """Yield how long the bones of each finger are and how constant: the mean over its bones of both, robustly."""
-    points = to_numpy(joints["joints_world_mm"]).reshape(-1, NUM_JOINTS, 3).astype(np.float64)
-    child, parent = np.array(BONES).T
+    points, finger_of_bone = joints_or_nan(joints), np.array(BONES)[:, 0] // 4
     for side in HANDS:
         of_side = points[_rows_of(joints, side)]
-        length_mm = np.linalg.norm(of_side[:, child] - of_side[:, parent], axis=-1)
-        fingers = {finger: length_mm[:, child // 4 == f] for f, finger in enumerate(FINGERS)}
-        for row, lengths in {**fingers, "all fingers": length_mm}.items():
-            bones = [known for bone in lengths.T if len(known := _known(bone))]
+        parts = {finger: finger_of_bone == f for f, finger in enumerate(FINGERS)}
+        for row, of_row in {**parts, "all fingers": np.full(len(BONES), True)}.items():
+            bones = _bones_mm(of_side, of_row)
             num_lengths = sum(map(len, bones))
             yield "hand bones (mm)", row, f"{side} median", _mean([_median(bone) for bone in bones]), num_lengths
-            yield "hand bones (mm)", row, f"{side} spread", _mean([_spread(bone) for bone in bones]), num_lengths
+            yield "hand bones (mm)", row, f"{side} spread", _mean([robust_sd(bone) for bone in bones]), num_lengths
+
+
+def _bones_mm(points_mm: Floats, of_bone: Any = slice(None)) -> list[Floats]:
+    """Return the lengths of each bone in hands (G, 21, 3), without bones that are never known."""
+    return [known for bone in bone_lengths_mm(points_mm).T[of_bone] if len(known := _known(bone))]
 
 
 def _forearms(bodies: pa.Table) -> Iterator[Cell]:
@@ -178,20 +205,16 @@ def _median(values: Floats) -> float:
     return float(np.median(values)) if len(values) else float("nan")
 
 
-def _spread(values: Floats) -> float:
-    """Return a robust standard deviation: outliers do not enter it."""
-    return _SD_OVER_MAD * _median(np.abs(values - _median(values)))
-
-
 STAGE = Stage(
     name="measure_quality",
-    version=1,
+    version=2,
     config=MeasureQualityConfig,
     inputs={
         "views": VIEWS,
         "body_keypoints": BODY_KEYPOINTS,
         "bodies": BODIES,
         "joints": JOINTS,
+        "triangulated": JOINTS,
         "residuals": RESIDUALS,
     },
     outputs={"quality": QUALITY},

@@ -74,10 +74,6 @@ class DatasetLayout:
         """Return the folder of a synthetic recording's own share of the files that a split has in common."""
         return self.root / "labels" / checked_component(recording, "a recording")
 
-    def stand_in_keypoints(self, recording: str) -> Path:
-        """Return the folder of a synthetic recording's 2D keypoints that take the place of a detector's."""
-        return self.root / "keypoints_from_truth" / checked_component(recording, "a recording")
-
     def delivered(self, recording: str) -> Path:
         """Return the list of a synthetic recording's files; it is there once they all are."""
         return self.root / "delivered" / f"{checked_component(recording, 'a recording')}.sha256"

@@ -16,7 +16,9 @@ from assemblyhands_core.hands.joints import NUM_JOINTS
 CONVERGED: Final = "converged"
 TOO_FEW_VIEWS: Final = "too_few_views"
 NO_ROOT: Final = "no_root"
-_SOURCE, _KEPT = "mvexonet", "kept_round_"
+KEPT: Final = "kept_round_"
+"""How the source of joints begins that are an earlier round's; its number follows."""
+_SOURCE: Final = "mvexonet"
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,9 +118,9 @@ def mean_of_known(values: Float[np.ndarray, "..."], axis: int) -> Float[np.ndarr
 
 def _kept_source(source: str, number: int) -> str:
     """Return how joints that are kept are called: by the round that found them."""
-    return source if source.startswith(_KEPT) else f"{_KEPT}{number}"
+    return source if source.startswith(KEPT) else f"{KEPT}{number}"
 
 
 def _origin(source: str, number: Any) -> int:
     """Return the round that found joints of this source in this round."""
-    return int(source.removeprefix(_KEPT)) if source.startswith(_KEPT) else int(number)
+    return int(source.removeprefix(KEPT)) if source.startswith(KEPT) else int(number)

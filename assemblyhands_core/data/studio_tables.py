@@ -8,19 +8,9 @@ from typing import Final
 import pyarrow as pa
 
 from assemblyhands_core.data.tables import TableSpec
-from assemblyhands_core.hands.body import NUM_BODY_KEYPOINTS
-from assemblyhands_core.hands.joints import NUM_JOINTS
 
 _TEXT, _FRAME = pa.string(), pa.int64()
 _SEQUENCE: Final = [("sequence_id", _TEXT)]
-
-
-def _stand_ins(owner: str, kind: pa.DataType, num_keypoints: int) -> pa.Schema:
-    """The columns that the detector `precomputed` reads."""
-    points = [("keypoints_px", pa.list_(pa.float32(), 2 * num_keypoints))]
-    confidence = [("confidence", pa.list_(pa.float32(), num_keypoints))]
-    return pa.schema([*_SEQUENCE, ("camera", _TEXT), ("frame", _FRAME), (owner, kind), *points, *confidence])
-
 
 TAKES: Final = TableSpec(
     "takes",
@@ -67,15 +57,6 @@ FOOTAGE: Final = TableSpec(
             ("sha256", _TEXT),
         ]
     ),
-)
-STAND_IN_BODIES: Final = TableSpec(
-    "stand_in_bodies",
-    1,
-    ("sequence_id", "camera", "frame", "person"),
-    _stand_ins("person", pa.int64(), NUM_BODY_KEYPOINTS),
-)
-STAND_IN_HANDS: Final = TableSpec(
-    "stand_in_hands", 1, ("sequence_id", "camera", "frame", "hand"), _stand_ins("hand", _TEXT, NUM_JOINTS)
 )
 DELIVERED: Final = TableSpec(
     "delivered",

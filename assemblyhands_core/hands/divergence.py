@@ -11,6 +11,7 @@ from jaxtyping import Float
 
 from assemblyhands_core.hands.joints import ROOT, WRIST
 from assemblyhands_core.hands.kinematics import HandSkeleton, bone_lengths_mm
+from assemblyhands_core.hands.steadiness import bones_spread_mm
 
 
 @dataclass(frozen=True)
@@ -24,6 +25,8 @@ class Limits:
         max_bone_mm: Longest bone.
         max_reprojection_ratio: Reprojection error over that of the round before.
         min_reprojection_px: Errors below are never too large.
+        max_spread_ratio: Spread of the bones' lengths over time, over that of the round before.
+        min_instants: Spread over fewer says nothing.
     """
 
     max_displacement_mm: float
@@ -33,6 +36,8 @@ class Limits:
     max_bone_mm: float
     max_reprojection_ratio: float
     min_reprojection_px: float
+    max_spread_ratio: float
+    min_instants: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,6 +73,36 @@ class Divergence(NamedTuple):
 def divergence(step: Step, limits: Limits) -> Divergence | None:
     """Return the first reason not to believe an estimate, none if there is none."""
     return _bones(step, limits) or _jump(step, limits) or _place(step, limits) or _reprojection(step, limits)
+
+
+@dataclass(frozen=True, eq=False)
+class Course:
+    """New estimates of one hand over time, beside those of the round before.
+
+    Attributes:
+        joints_world_mm, previous_world_mm: NaN where unknown.
+        reprojection_px, previous_reprojection_px: Medians over all instants, against the same 2D keypoints.
+    """
+
+    joints_world_mm: Float[np.ndarray, "instant joint=21 3"]
+    previous_world_mm: Float[np.ndarray, "instant joint=21 3"]
+    reprojection_px: float
+    previous_reprojection_px: float
+
+
+def unsteadiness(course: Course, limits: Limits) -> Divergence | None:
+    """Return why the round before was the better one all along, none if it was not.
+
+    It was if the hand kept its shape better then and fitted its 2D keypoints better, too. That alone would say little:
+    2D + triangulation fits them as closely as can be, errors and all.
+    """
+    now_mm, before_mm = bones_spread_mm(course.joints_world_mm), bones_spread_mm(course.previous_world_mm)
+    is_less_steady = len(course.joints_world_mm) >= limits.min_instants and now_mm > limits.max_spread_ratio * before_mm
+    if is_less_steady and course.reprojection_px > course.previous_reprojection_px:
+        bones = f"bones vary by {now_mm:.1f} mm, before {before_mm:.1f} mm"
+        pixels = f"{course.reprojection_px:.1f} px from the 2D keypoints, before {course.previous_reprojection_px:.1f}"
+        return Divergence("unsteady", f"{bones}; {pixels} px")
+    return None
 
 
 def _bones(step: Step, limits: Limits) -> Divergence | None:

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from assemblyhands_core.hands.divergence import Limits, Step, divergence
+from assemblyhands_core.hands.divergence import Course, Limits, Step, divergence, unsteadiness
 from assemblyhands_core.hands.joints import ROOT, WRIST
 from assemblyhands_core.hands.kinematics import HandPose, HandSkeleton, forward_kinematics
 
@@ -16,6 +16,8 @@ LIMITS = Limits(
     max_size=1.25,
     max_bone_mm=120.0,
     max_reprojection_ratio=2.0,
+    max_spread_ratio=1.25,
+    min_instants=2,
     min_reprojection_px=10.0,
 )
 HAND_MM = forward_kinematics(HandSkeleton.average(), HandPose("right", np.eye(4), np.zeros(20)))
@@ -78,3 +80,19 @@ def test_reprojection_has_to_be_both_large_and_much_larger() -> None:
     )
     assert _reason(reprojection_px=11.9, previous_reprojection_px=6.0) == ""
     assert _reason(reprojection_px=9.9, previous_reprojection_px=1.0) == ""
+
+
+def _course(scale: float, *pixels: float, num_instants: int = 4) -> Course:
+    """A hand that alternates between two sizes, scale apart; before it alternated by one per cent."""
+    sizes = np.resize([1.0, scale], num_instants), np.resize([1.0, 1.01], num_instants)
+    return Course(*(size[:, None, None] * HAND_MM for size in sizes), *pixels)
+
+
+def test_a_hand_whose_bones_vary_more_is_less_believed_only_if_it_fits_its_keypoints_worse_too() -> None:
+    found = unsteadiness(_course(1.02, 5.0, 4.0), LIMITS)
+    assert found is not None and found.reason == "unsteady" and "5.0 px from the 2D keypoints, before 4.0" in found.note
+    assert unsteadiness(_course(1.02, 4.0, 5.0), LIMITS) is None, "fits better"
+    assert unsteadiness(_course(1.0124, 5.0, 4.0), LIMITS) is None, "varies hardly more"
+    assert unsteadiness(_course(1.0126, 5.0, 4.0), LIMITS) is not None
+    assert unsteadiness(_course(1.02, 5.0, 4.0, num_instants=1), LIMITS) is None, "nothing to vary"
+    assert unsteadiness(_course(1.02, float("nan"), 4.0), LIMITS) is None, "no keypoints"

@@ -3,7 +3,6 @@ import pytest
 from omegaconf import DictConfig
 
 from pipeline.config import CONF_FOLDER, UserError, check_config, unknown_key_message
-from pipeline.dag import build_dag
 
 
 def _compose(*overrides: str) -> DictConfig:
@@ -12,7 +11,7 @@ def _compose(*overrides: str) -> DictConfig:
 
 
 def test_the_defaults_are_valid_and_frozen() -> None:
-    config = check_config(_compose(), build_dag())
+    config = check_config(_compose())
     assert config.seq.startswith("nusar-2021_action_both_1002") and config.executor.name == "local"
     with pytest.raises(ValueError, match="frozen"):
         config.seq = "other"  # type: ignore[misc]
@@ -21,9 +20,10 @@ def test_the_defaults_are_valid_and_frozen() -> None:
 
 
 def test_overrides_reach_run_and_stages() -> None:
-    config = check_config(_compose("ingest.chunk_frames=25", "executor=serial", "seq=all"), build_dag())
+    config = check_config(_compose("ingest.chunk_frames=25", "executor=serial", "seq=all"))
     assert config.stages["ingest"].model_dump()["chunk_frames"] == 25
     assert (config.executor.name, config.seq) == ("serial", "all")
+    assert "round_2" not in check_config(_compose("rounds=1")).dag.nodes
 
 
 @pytest.mark.parametrize(
@@ -32,13 +32,14 @@ def test_overrides_reach_run_and_stages() -> None:
         ("ingest.chunk_frames=0", r"ingest\.chunk_frames=0 is not possible: .*greater than or equal to 1"),
         ("ingest.chunk_frames=many", r"ingest\.chunk_frames='many' is not possible: .*integer"),
         ("executor.num_workers=-1", r"executor\.num_workers=-1 is not possible"),
+        ("rounds=-1", r"rounds=-1 is not possible: .*greater than or equal to 0"),
         ("target=fly", "target=fly is unknown; choose among annotate"),
         ("+triangulate.extra=1", r"triangulate\.extra=1 is not possible: Extra inputs"),
     ],
 )
 def test_a_wrong_value_is_named_with_what_is_allowed(override: str, message: str) -> None:
     with pytest.raises(UserError, match=message):
-        check_config(_compose(override), build_dag())
+        check_config(_compose(override))
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,7 @@
 import pytest
 
 from assemblyhands_core.data.catalog import CHUNKS, SOURCES, VIEWS
-from pipeline.dag import SOURCE_EDGE, TARGETS, TRUTH_EDGE, Dag, build_dag
+from pipeline.dag import SOURCE_EDGE, TRUTH_EDGE, Dag, build_dag
 from stages._contract import Stage, StageConfig
 
 
@@ -11,13 +11,25 @@ def _stage(**inputs: object) -> Stage:
 
 def test_the_pipeline_has_the_nodes_that_others_rely_on() -> None:
     wanted = {"ingest", "undistort", "detect_hands", "crop_hands", "detect_keypoints", "round_0"}
-    assert wanted <= set(build_dag().nodes)
-    assert all(target in build_dag().nodes for targets in TARGETS.values() for target in targets)
+    for num_rounds in (0, 1, 3):
+        dag = build_dag(num_rounds)
+        assert wanted <= set(dag.nodes)
+        assert all(target in dag.nodes for targets in dag.targets.values() for target in targets)
 
 
 def test_a_target_takes_what_it_needs_and_no_more() -> None:
     assert [node.name for node in build_dag().upto(("audit",))] == ["ingest", "audit"]
     assert [node.name for node in build_dag().upto(("detect_hands",))] == ["ingest", "undistort", "detect_hands"]
+
+
+def test_the_last_round_is_what_is_shown_and_earlier_ones_are_the_same_whatever_comes_after() -> None:
+    for num_rounds in (0, 1, 2, 3):
+        dag = build_dag(num_rounds)
+        shown = [node.name for node in dag.upto(dag.targets["annotate"]) if node.name.startswith("round_")]
+        assert shown == [f"round_{number}" for number in range(num_rounds + 1)]
+        for name in ("quality", "overlay"):
+            assert dag.nodes[name].inputs["joints"] == f"round_{num_rounds}.joints"
+        assert all(dag.nodes[name] == build_dag().nodes[name] for name in shown)
 
 
 def test_an_absent_origin_takes_out_all_that_it_leads_to() -> None:

@@ -33,6 +33,8 @@ GUARD = GuardConfig(
     max_size=1.5,
     max_bone_mm=150.0,
     max_reprojection_ratio=3.0,
+    max_spread_ratio=1.25,
+    min_instants=8,
     min_reprojection_px=12.0,
 )
 CONFIG = AnnotateRoundConfig(
@@ -350,6 +352,18 @@ def test_an_estimate_beyond_belief_gives_way_to_the_round_before(
     tables = run(KnownAnswer(believed))
     assert {row["kept_round"] for row in tables["rounds"]} == {1}
     assert {row["source"] for row in tables["joints"]} == {"mvexonet"}
+
+
+def test_a_hand_whose_bones_vary_and_that_fits_its_keypoints_worse_keeps_the_round_before_all_along(run: Any) -> None:
+    def answer(row: int, root: np.ndarray, is_left: bool) -> np.ndarray:
+        varies = KEYS[row] == (FRAMES[1], "right")
+        return _scaled(1.05 if varies else 1.0)(row, root, is_left) + 0.5
+
+    tables = run(KnownAnswer(answer), guard=GUARD.model_copy(update={"min_instants": 2}))
+    reasons = [(row["hand"], row["reason"], row["kept_round"]) for row in tables["rounds"]]
+    assert sorted(set(reasons)) == [("left", "", 1), ("right", "unsteady", 0)] and len(reasons) == 4
+    assert "before 0.0 mm" in tables["rounds"][0]["note"]
+    assert {row["reason"] for row in run(KnownAnswer(answer))["rounds"]} == {""}, "two instants say nothing by default"
 
 
 def test_a_hand_does_not_become_the_other_one(run: Any) -> None:

@@ -32,7 +32,7 @@ GOLDEN = {
     "detect_hands": (1, "75c258a77896518217cdafbaf7966808b4a5d22ef1a75191be32bc583ac0f29f"),
     "triangulate": (1, "e6052b3b9cddc606731b798454631f69cd25f1f6fef2808f7c3620d633b37082"),
     "annotate_round": (1, "3a716ad432b1ab69e32a4a28b62191ac79cd7f500996b66fb9c068b424821258"),
-    "measure_quality": (1, "b174bea33ad4d45255dd2f7cf9b1479932b401275ad725975a8bcbc8de16db85"),
+    "measure_quality": (2, "ad08f4d80d4374ea902915b169282a949128e2ef5545fdebe2e956d3c16aa4f6"),
 }
 
 
@@ -75,11 +75,12 @@ def _run_all(world: Any) -> dict[str, tuple[Stage[Any], str]]:
     hands = run(detect_hands.STAGE, _DETECT_HANDS, inputs)
     keypoints = _keypoints(world)
     joints = run(triangulate.STAGE, _TRIANGULATE, {"views": views, "keypoints": keypoints})
-    inputs = {"views": views, "bodies": hands["bodies"], "body_keypoints": hands["body_keypoints"], **joints}
-    run(measure_quality.STAGE, _MEASURE_QUALITY, inputs)
     inputs = {"views": views, **rectified, "hand_boxes": hands["hand_boxes"], "crops": _crops(rectified, hands)}
     inputs |= {"keypoints": keypoints, "joints": joints["joints"], "earlier_joints": joints["joints"]}
-    run(annotate_round.STAGE, _ANNOTATE_ROUND, inputs)
+    annotated = run(annotate_round.STAGE, _ANNOTATE_ROUND, inputs)
+    inputs = {"views": views, "bodies": hands["bodies"], "body_keypoints": hands["body_keypoints"]}
+    inputs |= {"joints": annotated["joints"], "triangulated": joints["joints"], "residuals": joints["residuals"]}
+    run(measure_quality.STAGE, _MEASURE_QUALITY, inputs)
     return made
 
 
@@ -130,6 +131,8 @@ _ANNOTATE_ROUND = {
         "max_bone_mm": 150.0,
         "max_reprojection_ratio": 1.2,
         "min_reprojection_px": 20.0,
+        "max_spread_ratio": 1.25,
+        "min_instants": 8,
     },
 }
 

@@ -28,8 +28,8 @@ def _outcome(valid: np.ndarray, reason: np.ndarray) -> dict[str, Any]:
     }
 
 
-def _joints(points_mm: np.ndarray, reason: np.ndarray | None = None) -> pa.Table:
-    """The table of (F, H, 21, 3) joints, valid where finite."""
+def _joints(points_mm: np.ndarray, reason: np.ndarray | None = None, number: int = 0, source: str = "test") -> pa.Table:
+    """The table of (F, H, 21, 3) joints of a round, valid where finite."""
     valid = np.isfinite(points_mm).all(axis=-1).reshape(-1, 21)
     reason = np.full(valid.shape, "too_few_views", dtype=object) if reason is None else reason.reshape(-1, 21)
     num_frames = len(points_mm)
@@ -40,8 +40,8 @@ def _joints(points_mm: np.ndarray, reason: np.ndarray | None = None) -> pa.Table
             "hand": ["right", "left"] * num_frames,
             "joints_world_mm": points_mm.reshape(-1, 63),
             **_outcome(valid, reason),
-            "source": ["test"] * len(valid),
-            "round": [0] * len(valid),
+            "source": [source] * len(valid),
+            "round": [number] * len(valid),
         }
     )
 
@@ -97,10 +97,26 @@ def _run(world: Any, config: MeasureQualityConfig = CONFIG, **tables: Any) -> di
         "body_keypoints": _seen(world),
         "bodies": _bodies(world.body_mm),
         "joints": _joints(flat),
+        "triangulated": _joints(flat),
         "residuals": _residuals(np.full((2, 2, 4, 21), 1.0), np.full((2, 2, 4, 21), True)),
     }
     rows = STAGE.run(config, inputs | tables, Context(Path(), "s"))["quality"].to_pylist()
     return {(row["table"], row["row"], row["metric"]): (row["value"], row["n"]) for row in rows}
+
+
+def test_agreement_tells_how_far_the_last_round_is_from_triangulation_and_whose_bones_are_constant(world: Any) -> None:
+    first = np.broadcast_to(FLAT_MM, (4, 2, 21, 3)).copy()
+    first[0, 0, 0, 0] += 30.0
+    last = np.broadcast_to(FLAT_MM, (4, 2, 21, 3)) + np.array([0.0, 3.0, 4.0])
+    last[1, 0, 5] = np.nan
+    cells = _run(world, joints=_joints(last, number=2, source="kept_round_1"), triangulated=_joints(first))
+    agreement = {key[1:]: cell for key, cell in cells.items() if key[0] == "agreement with 2D + triangulation"}
+    assert agreement["right", "median distance (mm)"] == (pytest.approx(5.0, abs=1e-5), 4 * 21 - 1)
+    assert agreement["right", "within 20 mm (%)"] == (pytest.approx(100 * 82 / 83), 83)
+    assert agreement["right", "hands kept from an earlier round (%)"] == (100.0, 4)
+    assert agreement["right", "bones' spread (mm)"][0] == pytest.approx(0.0, abs=1e-4)
+    assert agreement["left", "bones' spread before (mm)"] == (pytest.approx(0.0, abs=1e-4), 80)
+    assert not any(key[0].startswith("agreement with") for key in _run(world)), "round 0 agrees with itself"
 
 
 def test_coverage_counts_every_joint_once_by_outcome(world: Any) -> None:
