@@ -24,6 +24,7 @@ from stages import (
     plan_crops,
     preview_recording,
     script_take,
+    start_from_truth,
     train_body_keypoints,
     train_keypoints,
     train_mvexonet,
@@ -142,7 +143,7 @@ def build_dag(num_rounds: int = 3) -> Dag:
     evaluations = _add_evaluation(dag, num_rounds)
     dag.targets |= {
         "annotate": ("quality", "overlay", *evaluations),
-        "evaluate": evaluations,
+        "evaluate": (*evaluations, "evaluation_bound"),
         "doctor": ("audit",),
         "undistort": ("undistort",),
         "simulate": ("delivery", "preview"),
@@ -216,18 +217,21 @@ def _add_rounds(dag: Dag, num_rounds: int) -> None:
     Round 1 is there even where none is wanted, so that the parameters of its stage are known.
     """
     for number in range(1, max(num_rounds, 1) + 1):
-        before, earlier = number - 1, max(number - 2, 0)
-        dag.add(
-            f"round_{number}",
-            annotate_round.STAGE,
-            views="ingest.views",
-            rectified_views="undistort.rectified_views",
-            hand_boxes="detect_hands.hand_boxes",
-            crops="crop_hands.crops",
-            keypoints="detect_keypoints.keypoints",
-            joints=f"round_{before}.joints",
-            earlier_joints=f"round_{earlier}.joints",
-        )
+        _add_round(dag, f"round_{number}", f"round_{number - 1}", f"round_{max(number - 2, 0)}")
+
+
+def _add_round(dag: Dag, name: str, before: str, earlier: str) -> None:
+    dag.add(
+        name,
+        annotate_round.STAGE,
+        views="ingest.views",
+        rectified_views="undistort.rectified_views",
+        hand_boxes="detect_hands.hand_boxes",
+        crops="crop_hands.crops",
+        keypoints="detect_keypoints.keypoints",
+        joints=f"{before}.joints",
+        earlier_joints=f"{earlier}.joints",
+    )
 
 
 def _add_results(dag: Dag, last: str) -> None:
@@ -252,7 +256,13 @@ def _add_results(dag: Dag, last: str) -> None:
 
 
 def _add_evaluation(dag: Dag, num_rounds: int) -> tuple[str, ...]:
-    """Add how each round is held against the truth, on its own, so that a further round leaves the others' figures."""
+    """Add how each round is held against the truth, on its own, so that a further round leaves the others' figures.
+
+    Beside them the upper bound: a round that starts from the truth, which nothing but its own evaluation reads.
+    """
+    dag.add("true_start", start_from_truth.STAGE, truth=TRUTH_EDGE, chunks="ingest.chunks")
+    _add_round(dag, "upper_bound", "true_start", "true_start")
+    dag.add("evaluation_bound", evaluate.STAGE, truth=TRUTH_EDGE, joints="upper_bound.joints")
     names = tuple(f"evaluation_{number}" for number in range(num_rounds + 1))
     for number, name in enumerate(names):
         dag.add(name, evaluate.STAGE, truth=TRUTH_EDGE, joints=f"round_{number}.joints")

@@ -4,8 +4,6 @@ It is used once for each round, so that another round leaves the evaluation of t
 compared from the errors of every joint, which it keeps (`metrics.comparison`).
 """
 
-from pathlib import Path
-
 import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
@@ -14,13 +12,17 @@ from pydantic import Field, model_validator
 
 from assemblyhands_core.data.arrays import to_numpy
 from assemblyhands_core.data.catalog import ERRORS, EVALUATION, JOINTS, SOURCES
-from assemblyhands_core.data.ground_truth import TRUE_INSTANTS, TRUE_JOINTS, read_ground_truth
 from assemblyhands_core.data.keypoint_rows import rows_of_hands
-from assemblyhands_core.data.rounds import joints_or_nan
+from assemblyhands_core.data.round_outcomes import KEPT
+from assemblyhands_core.data.rounds import TRUE_ROUND, joints_or_nan
 from assemblyhands_core.hands.joints import NUM_JOINTS
 from assemblyhands_core.metrics.annotation import Resampling, evaluate_annotation
 from assemblyhands_core.metrics.keypoints import joint_errors_mm, relative_to_wrist
 from stages._contract import Context, Stage, StageConfig, Tables
+from stages._truth import read_truth
+
+UPPER_BOUND = "true crops and root"
+"""What the tables call a round that started from the truth."""
 
 
 class EvaluateConfig(StageConfig):
@@ -47,7 +49,8 @@ class EvaluateConfig(StageConfig):
 def run(config: EvaluateConfig, inputs: Tables, context: Context) -> Tables:
     """Evaluate one sequence."""
     truth = _read_truth(inputs["truth"], context.sequence_id)
-    joints = inputs["joints"].append_column("method", _methods(inputs["joints"]))
+    joints = _found_itself(inputs["joints"])
+    joints = joints.append_column("method", _methods(joints))
     by_method = [joints.filter(pc.equal(joints["method"], name)) for name in pc.unique(joints["method"])]
     errors = pa.concat_tables([ERRORS.empty(), *(_errors(truth, of_method) for of_method in by_method)])
     cells = evaluate_annotation(errors, (config.low_occlusion, config.high_occlusion), config.resampling)
@@ -57,16 +60,12 @@ def run(config: EvaluateConfig, inputs: Tables, context: Context) -> Tables:
 
 def _read_truth(files: pa.Table, sequence_id: str) -> pa.Table:
     """Return a row for each hand at each true instant: its joints and what is being done."""
-    folders = {Path(path).parent for path in files["source_file"].to_pylist()}
-    if len(folders) != 1:
-        raise ValueError(f"sequence {sequence_id}: its ground truth is in {len(folders)} folders; give one.")
-    (folder,) = folders
-    joints, instants = (read_ground_truth(folder, spec) for spec in (TRUE_JOINTS, TRUE_INSTANTS))
-    if (named := set(pc.unique(joints["sequence_id"]).to_pylist())) != {sequence_id}:
-        raise ValueError(f"{folder} holds the truth of {', '.join(sorted(named))} instead of {sequence_id}.")
+    joints, instants = read_truth(files, sequence_id)
     place = pc.index_in(joints["frame"], instants["frame"])
     if place.null_count:
-        raise ValueError(f"{folder}: {place.null_count} true hands have no true instant; record the sequence again.")
+        raise ValueError(
+            f"sequence {sequence_id}: {place.null_count} true hands have no true instant; record the sequence again."
+        )
     for name in ("verb", "exo_occlusion_rate"):
         joints = joints.append_column(name, instants[name].take(place))
     return joints
@@ -75,7 +74,13 @@ def _read_truth(files: pa.Table, sequence_id: str) -> pa.Table:
 def _methods(joints: pa.Table) -> pa.Array:
     """Return what the paper's tables call each row: R1, R2, R3, and before them the way in which it was made."""
     rounds, sources = joints["round"].to_pylist(), joints["source"].to_pylist()
-    return pa.array([f"R{k}" if k else source for k, source in zip(rounds, sources, strict=True)], pa.string())
+    names = {0: None, TRUE_ROUND + 1: UPPER_BOUND}
+    return pa.array([names.get(k, f"R{k}") or source for k, source in zip(rounds, sources, strict=True)], pa.string())
+
+
+def _found_itself(joints: pa.Table) -> pa.Table:
+    """Return the joints without those that a round kept from the truth: they are no estimate."""
+    return joints.filter(pc.invert(pc.equal(joints["source"], f"{KEPT}{TRUE_ROUND}")))
 
 
 def _errors(truth: pa.Table, joints: pa.Table) -> pa.Table:

@@ -112,6 +112,10 @@ class HandWindows:
         ]
 
 
+TRUE_ROUND: Final = 100
+"""The round of joints that are the truth: those made from them are an upper bound, and no annotation."""
+
+
 def known_hands(joints: pa.Table, hand_boxes: pa.Table) -> list[KnownHand]:
     """Return what is known of each hand, in the order of the rows of `catalog.JOINTS`."""
     points = joints_or_nan(joints)

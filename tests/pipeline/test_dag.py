@@ -46,8 +46,14 @@ def test_an_absent_origin_takes_out_all_that_it_leads_to() -> None:
 def test_what_annotates_does_not_depend_on_the_truth() -> None:
     dag = build_dag()
     readers = {node.name for node in dag.nodes.values() if TRUTH_EDGE in node.inputs.values()}
-    assert {dag.nodes[name].stage.name for name in readers} <= {"evaluate"}
-    assert not any(readers.intersection(node.upstream) for node in dag.nodes.values())
+    assert {dag.nodes[name].stage.name for name in readers} == {"evaluate", "start_from_truth"}
+    wanted = {node.name for node in dag.upto(dag.targets["annotate"])}
+    without = {node.name for node in dag.upto(dag.targets["annotate"], (TRUTH_EDGE,))}
+    assert wanted - without == {f"evaluation_{number}" for number in range(4)}
+    after = {node.name for node in dag.nodes.values()} - {
+        node.name for node in dag.upto(tuple(dag.nodes), (TRUTH_EDGE,))
+    }
+    assert after - readers == {"upper_bound"}, "what starts from the truth is read by its own evaluation alone"
 
 
 @pytest.mark.parametrize(

@@ -68,7 +68,7 @@ def test_a_config_can_be_sent_to_a_worker_and_stays_as_it_is(name: str, values: 
     config = _config(name, values[name])
     assert pickle.loads(pickle.dumps(config)) == config
     with pytest.raises(ValidationError, match="frozen"):
-        setattr(config, next(iter(values[name])), None)
+        setattr(config, next(iter(values[name]), "anything"), None)
 
 
 @pytest.mark.parametrize("name", WITH_DETECTOR)

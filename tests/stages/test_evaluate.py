@@ -4,45 +4,15 @@ import numpy as np
 import pyarrow as pa
 import pytest
 from pydantic import ValidationError
+from true_hands import NUM_FRAMES, TRUE_MM, write_truth
 
 from assemblyhands_core.data.arrays import to_numpy
-from assemblyhands_core.data.catalog import JOINTS, SOURCES
-from assemblyhands_core.data.ground_truth import TRUE_INSTANTS, TRUE_JOINTS, TRUE_VIEWS, write_ground_truth
+from assemblyhands_core.data.catalog import JOINTS
 from assemblyhands_core.hands.joints import HANDS, NUM_JOINTS, WRIST
 from stages._contract import Context, Tables
 from stages.evaluate import STAGE, EvaluateConfig
 
-NUM_FRAMES = 12
 CONFIG = EvaluateConfig(low_occlusion=0.4, high_occlusion=0.6, block_frames=2, num_resamples=100, seed=0)
-TRUE_MM = np.random.default_rng(0).normal(0, 100, (NUM_FRAMES, 2, NUM_JOINTS, 3)).astype(np.float32)
-
-
-def _truth(folder: Path, sequence_id: str = "s", frames: int = NUM_FRAMES) -> pa.Table:
-    """Write the truth of a recording: two actions, and occlusion that grows."""
-    hands = {
-        "sequence_id": [sequence_id] * 2 * NUM_FRAMES,
-        "frame": np.repeat(np.arange(NUM_FRAMES), 2),
-        "hand": list(HANDS) * NUM_FRAMES,
-        "joints_world_mm": TRUE_MM.reshape(2 * NUM_FRAMES, -1),
-    }
-    instants = {
-        "sequence_id": [sequence_id] * frames,
-        "frame": np.arange(frames),
-        "exo_occlusion_rate": np.linspace(0, 1, frames),
-        "ego_occlusion_rate": np.zeros(frames),
-        "verb": ["screw"] * 6 + [""] * (frames - 6),
-        "noun": [""] * frames,
-        "T_headset_from_world": np.full((frames, 16), np.nan),
-    }
-    tables = {"true_joints": TRUE_JOINTS.build(hands), "true_instants": TRUE_INSTANTS.build(instants)}
-    write_ground_truth(folder, {**tables, "true_views": TRUE_VIEWS.empty()})
-    names = ("true_instants", "true_joints", "true_views")
-    return SOURCES.from_rows(
-        [
-            {"sequence_id": "s", "role": "ground_truth", "name": name, "source_file": str(folder / f"{name}.parquet"),
-             "sha256": ""} for name in names
-        ]
-    )  # fmt: skip
 
 
 def _joints(points: np.ndarray, number: int = 0, first_frame: int = 0, **changes: object) -> pa.Table:
@@ -64,7 +34,7 @@ def _joints(points: np.ndarray, number: int = 0, first_frame: int = 0, **changes
 
 
 def _run(folder: Path, joints: pa.Table, truth: pa.Table | None = None) -> Tables:
-    truth = _truth(folder) if truth is None else truth
+    truth = write_truth(folder) if truth is None else truth
     return STAGE.run(CONFIG, {"truth": truth, "joints": joints}, Context(folder, "s"))
 
 
@@ -126,11 +96,19 @@ def test_joints_without_truth_are_refused(tmp_path: Path) -> None:
 
 def test_the_truth_of_another_recording_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="holds the truth of other instead of s"):
-        _run(tmp_path, _joints(TRUE_MM), _truth(tmp_path, "other"))
+        _run(tmp_path, _joints(TRUE_MM), write_truth(tmp_path, "other"))
     with pytest.raises(ValueError, match="4 true hands have no true instant"):
-        _run(tmp_path, _joints(TRUE_MM), _truth(tmp_path, frames=NUM_FRAMES - 2))
+        _run(tmp_path, _joints(TRUE_MM), write_truth(tmp_path, frames=NUM_FRAMES - 2))
 
 
 def test_bounds_of_occlusion_are_in_order() -> None:
     with pytest.raises(ValidationError, match="has to be below high_occlusion"):
         EvaluateConfig(low_occlusion=0.6, high_occlusion=0.4, block_frames=2, num_resamples=100, seed=0)
+
+
+def test_a_round_from_the_truth_is_the_upper_bound_and_what_it_kept_from_the_truth_is_missing(tmp_path: Path) -> None:
+    sources = ["kept_round_100", *["mvexonet"] * (2 * NUM_FRAMES - 1)]
+    made = _run(tmp_path, _joints(TRUE_MM + np.float32([0, 2.0, 0]), 101, source=sources))
+    assert set(made["metrics"]["row"].to_pylist()) == {"true crops and root"}
+    assert _value(made, "annotation", "", "mpjpe_mm") == pytest.approx(2.0, abs=1e-4)
+    assert np.isnan(to_numpy(made["errors"]["error_mm"])).sum() == NUM_JOINTS
