@@ -14,7 +14,7 @@ SEQUENCE := $(if $(SET),manifest=data_manifests/synthetic_$(SET).csv) $(if $(SEQ
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 SOURCES := assemblyhands_core stages pipeline tests benchmarks
 
-.PHONY: annotate simulate plan doctor gc test test-slow check format benchmark docs help clean
+.PHONY: annotate simulate train plan doctor gc test test-slow check format benchmark docs help clean
 .DEFAULT_GOAL := help
 
 annotate: $(VENV)/.installed  ## video in, 3D hand joints out: SEQ=name (default: records one), ARGS='parameter=value'
@@ -22,6 +22,9 @@ annotate: $(VENV)/.installed  ## video in, 3D hand joints out: SEQ=name (default
 
 simulate: $(VENV)/.installed  ## record synthetic sequences: SEQ=name, SET=tiny, small or full
 	$(RUN) simulate $(SEQUENCE) $(ARGS)
+
+train: $(VENV)/.installed-training  ## draw crops in the studio and train our networks on them (hours; goes on where it was)
+	$(RUN) train manifest=data_manifests/training_crops.csv seq=crops_train $(ARGS)
 
 plan: $(VENV)/.installed  ## what `make annotate` would run, what it would reuse, and why
 	$(RUN) plan $(SEQUENCE) $(ARGS)
@@ -73,6 +76,10 @@ $(VENV)/.installed: pyproject.toml constraints.txt
 	$(PIP) --editable .
 	@$(BIN)/python -c 'import sys; sys.exit(sys.version_info >= (3, 13))' && $(PIP) --no-deps mediapipe || \
 		echo "mediapipe has no wheel for this Python: use detectors rtmlib or precomputed, or Python 3.12"
+	@touch $@
+
+$(VENV)/.installed-training: $(VENV)/.installed
+	$(PIP) --editable '.[training]'
 	@touch $@
 
 $(VENV)/.installed-dev: $(VENV)/.installed

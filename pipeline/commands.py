@@ -79,6 +79,8 @@ def _run(config: RunConfig, console: Console, command_line: str) -> int:
     summary.print_audit(console, folder)
     summary.print_left_out(console, folder)
     summary.print_quality(console, folder)
+    summary.print_rounds(console, folder)
+    summary.print_weights(console, folder)
     print_evaluation(console, config, folder)
     summary.print_keypoints(console, folder)
     summary.print_times(console, found, started)

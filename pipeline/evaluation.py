@@ -34,12 +34,12 @@ def print_evaluation(console: Console, config: RunConfig, run: Path) -> None:
     """Print a run's evaluations against the truth; nothing where it is not known."""
     settings = config.stages[evaluate.STAGE.name]
     assert isinstance(settings, evaluate.EvaluateConfig)
-    errors = _errors(run)
+    errors = read_errors(run)
     for name in errors:
         paths = sorted(run.glob(f"evaluation_*/metrics/{name}.parquet"))
         rows = [row for path in paths for row in pq.read_table(path.resolve()).to_pylist()]
         _print(console, f"{name} against the simulator's truth", _COLUMNS, rows)
-    if complete := _complete(errors):
+    if complete := complete_sequences(errors):
         _print_pooled(console, complete, settings.resampling)
 
 
@@ -54,7 +54,7 @@ def _print_pooled(console: Console, errors: Sequence[pa.Table], resampling: Resa
         _print(console, "methods in pairs against the simulator's truth", _COMPARED, rows)
 
 
-def _errors(run: Path) -> dict[str, pa.Table]:
+def read_errors(run: Path) -> dict[str, pa.Table]:
     """Return the errors of all methods by sequence."""
     tables: dict[str, list[pa.Table]] = defaultdict(list)
     for path in sorted(run.glob("evaluation_*/errors/*.parquet")):
@@ -62,7 +62,7 @@ def _errors(run: Path) -> dict[str, pa.Table]:
     return {name: pa.concat_tables(of_name) for name, of_name in tables.items()}
 
 
-def _complete(errors: Mapping[str, pa.Table]) -> list[pa.Table]:
+def complete_sequences(errors: Mapping[str, pa.Table]) -> list[pa.Table]:
     """Return the sequences that have all methods: the others would make means over different instants."""
     methods = {name: set(table["method"].to_pylist()) for name, table in errors.items()}
     every = set().union(*methods.values())

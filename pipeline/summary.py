@@ -6,6 +6,8 @@ from collections import defaultdict
 from collections.abc import Sequence
 from pathlib import Path
 
+import pandas as pd
+import pyarrow as pa
 import pyarrow.parquet as pq
 from rich.console import Console
 from rich.markup import escape
@@ -89,6 +91,31 @@ def print_quality(console: Console, run: Path) -> None:
         real = path.resolve()
         for name in pq.read_table(real).column("overlay_file").to_pylist():
             console.print(f"picture: {real.parent / name}", markup=False, highlight=False, soft_wrap=True)
+
+
+def print_rounds(console: Console, run: Path) -> None:
+    """Print how the hands of each sequence came by their joints in each round."""
+    for path in sorted(run.glob("round_[1-9]/manifest.json")):
+        for name in json.loads(path.read_text())["configs"]:
+            files = sorted((path.parent / "rounds").glob(f"{name}.*"))
+            rounds = pa.concat_tables([pq.read_table(file.resolve()) for file in files]).to_pandas()
+            line = f"{name}, {path.parent.name}: {_of_round(rounds)}"
+            console.print(line, markup=False, highlight=False, soft_wrap=True)
+
+
+def _of_round(rounds: pd.DataFrame) -> str:
+    """Return a round's hands in words: how many have a new estimate, and why the others have none."""
+    counts = rounds["reason"].replace("", "estimated").value_counts()
+    shares = ", ".join(f"{reason} {100 * count / len(rounds):.1f} %" for reason, count in counts.items())
+    return f"{len(rounds)} hands, {shares}; moved by {rounds['displacement_mm'].median():.1f} mm in the median"
+
+
+def print_weights(console: Console, run: Path) -> None:
+    """Print where a training left its weights."""
+    for path in sorted(run.glob("*_weights/weights/*.parquet")):
+        for row in pq.read_table(path.resolve()).to_pylist():
+            line = f"weights: {row['network']} in {path.resolve().parent / row['weights_file']}"
+            console.print(line, markup=False, highlight=False, soft_wrap=True)
 
 
 def print_keypoints(console: Console, run: Path) -> None:

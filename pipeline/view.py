@@ -4,7 +4,6 @@ import json
 import os
 import platform
 import shutil
-import subprocess
 import sys
 import time
 from collections.abc import Sequence
@@ -14,13 +13,13 @@ from pathlib import Path
 from typing import Any
 
 from assemblyhands_core.data.digests import digest_json
+from assemblyhands_core.data.provenance import code_commit
 from assemblyhands_core.data.store import Store
 from pipeline.config import RunConfig
 from pipeline.dag import LOOKING_TARGETS, Node
 from pipeline.tasks import Result
 
 _LATEST = "latest"
-_REPOSITORY = Path(__file__).resolve().parents[1]
 
 
 def write_view(config: RunConfig, run: str, results: Sequence[Result], command: str) -> Path:
@@ -87,7 +86,7 @@ def _provenance(config: RunConfig, command: str, results: Sequence[Result]) -> d
         "command": command,
         "time": time.strftime("%Y-%m-%dT%H:%M:%S%z"),
         "config": {**config.model_dump(mode="json"), "stages": stages},
-        "commit": _commit(),
+        "commit": code_commit(),
         "python": sys.version.split()[0],
         "machine": f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores",
         "versions": {
@@ -100,14 +99,6 @@ def _provenance(config: RunConfig, command: str, results: Sequence[Result]) -> d
             if not r.has_entry
         ],
     }
-
-
-def _commit() -> str:
-    command = ["git", "-C", str(_REPOSITORY), "describe", "--always", "--dirty", "--abbrev=12"]
-    try:
-        return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
-    except (OSError, subprocess.CalledProcessError):
-        return "unknown"
 
 
 def _point(link: Path, run: str) -> None:

@@ -17,6 +17,8 @@ from pydantic import Field
 from assemblyhands_core.data.arrays import to_numpy
 from assemblyhands_core.data.catalog import TRAINING_CURVE, WEIGHTS
 from assemblyhands_core.data.digests import digest_file
+from assemblyhands_core.data.provenance import code_commit
+from assemblyhands_core.synthetic.version import SIMULATOR_VERSION
 from assemblyhands_core.training.hand_dataset import Augmentation, HandCrops
 from stages._contract import Context, StageConfig, Tables
 
@@ -110,11 +112,13 @@ def fitted(
     from assemblyhands_core.models.pretrained import save_weights
     from assemblyhands_core.training.loop import train
 
+    commit = code_commit()  # before hours in which the code may change
     outcome = train(task, config.schedule(), context.scratch_dir, context.num_threads)
     path = context.blob_dir / "weights.safetensors"
     written = {
         **card,
-        "sequence": context.sequence_id,
+        "data": f"{context.sequence_id}, simulator version {SIMULATOR_VERSION}",
+        "git commit": commit,
         "samples": len(task.training),
         "held_out": len(task.held_out),
         "steps": outcome.best.step,

@@ -130,6 +130,7 @@ class Toy:
     def config(self) -> RunConfig:
         config = RunConfig(
             seq="all", target="error", manifest=None, workspace=self.workspace, run="",
+            rounds=3,
             gc=GcConfig(keep_runs=10, dry_run=False),
             rig=RigConfig(calibration=None, videos=None),
             executor=ExecutorConfig(name="serial", num_workers=1, memory_limit="auto"),

@@ -13,7 +13,7 @@ HEADER = "sequence_id,split,calibration,videos,package\n"
 def _config(folder: Path, seq: str, **changes: object) -> RunConfig:
     values = {
         "seq": seq, "target": "annotate", "manifest": str(folder / "*.csv"), "workspace": folder / "work", "run": "",
-        "rig": RigConfig(calibration=None, videos=None), "gc": GcConfig(keep_runs=1, dry_run=False),
+        "rig": RigConfig(calibration=None, videos=None), "rounds": 3, "gc": GcConfig(keep_runs=1, dry_run=False),
         "executor": ExecutorConfig(name="serial", num_workers=1, memory_limit="auto"),
     }  # fmt: skip
     return RunConfig(**{**values, **changes})

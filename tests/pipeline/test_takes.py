@@ -20,7 +20,7 @@ def config(folder: Path, line: str, **changes: object) -> RunConfig:
     (folder / "set.csv").write_text(f"{HEADER}\n{line}\nreal,demo,calib.json,*.mp4,,,\n")
     values = {
         "seq": NAME, "target": "simulate", "manifest": str(folder / "set.csv"), "workspace": folder / "work", "run": "",
-        "rig": RigConfig(calibration=None, videos=None), "gc": GcConfig(keep_runs=1, dry_run=False),
+        "rig": RigConfig(calibration=None, videos=None), "rounds": 3, "gc": GcConfig(keep_runs=1, dry_run=False),
         "executor": ExecutorConfig(name="serial", num_workers=1, memory_limit="auto"),
     }  # fmt: skip
     found = RunConfig(**{**values, **changes})
@@ -98,9 +98,9 @@ def test_a_recordings_name_decides_where_its_files_are(tmp_path: Path) -> None:
     for path in (f"calib/nimble_json_calib/{NAME}.json", f"recordings/{NAME}/a_rgb.mp4", f"recordings/{NAME}/HMC.mp4"):
         (root / path).parent.mkdir(parents=True, exist_ok=True)
         (root / path).write_text("")
-    with pytest.raises(UserError, match=r"folder of keypoints .*does not exist"):
+    with pytest.raises(UserError, match=r"folder of ground_truth .*does not exist"):
         select_recordings(config(tmp_path, row()))
-    for folder in ("keypoints_from_truth", "ground_truth"):
-        (root / folder / NAME).mkdir(parents=True)
+    (root / "ground_truth" / NAME).mkdir(parents=True)
     (recording,) = select_recordings(config(tmp_path, row()))
-    assert recording.keypoints == root / "keypoints_from_truth" / NAME and list(recording.videos) == ["a_rgb"]
+    assert recording.ground_truth == root / "ground_truth" / NAME and list(recording.videos) == ["a_rgb"]
+    assert recording.keypoints is None and recording.detector == "learned", "mediapipe knows real hands"

@@ -1,0 +1,184 @@
+"""Figures of annotation quality: PCK curves of methods, and the error from round to round.
+
+They take figures that were worked out elsewhere (`metrics`) and only draw them. Every title names the recordings, which
+the caller has to say: a figure on synthetic recordings must never pass for one on real data. Colours are those of Okabe
+and Ito, the same method or finger always in its own.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+from jaxtyping import Float
+
+from assemblyhands_core.hands.joints import FINGERS, JOINT_NAMES, WRIST
+from assemblyhands_core.viz.overlays import FINGER_COLORS
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+DPI: Final = 100
+_LABELS: Final = {"2d_triangulation": "2D + triangulation"}
+_METHOD_COLORS: Final = {"2d_triangulation": "#0072B2", "R1": "#E69F00", "R2": "#009E73", "R3": "#D55E00"}
+_OTHER_COLORS: Final = ("#CC79A7", "#56B4E9", "#000000", "#999999", "#B8A800")
+_DASHES: Final = ("--", "-.", ":")
+_GROUP_COLORS: Final = {
+    **{finger: "#{:02X}{:02X}{:02X}".format(*color) for finger, color in zip(FINGERS, FINGER_COLORS, strict=True)},
+    JOINT_NAMES[WRIST]: "#777777",
+}
+_SIDESTEP: Final = 0.05  # of a round: groups stand beside one another, or their intervals would hide each other
+
+
+@dataclass(frozen=True, eq=False)
+class PckCurve:
+    """How many joints of a method are near the truth.
+
+    Attributes:
+        method: Its name, a row of the evaluation's tables.
+        thresholds_mm: Ascending from 0.
+        correct_percent: Of all labelled joints, those at most as far off; a missing joint never is.
+        auc_percent: Area under the curve over the range.
+        coverage_percent: Found among the labelled joints.
+        num_joints: That are labelled.
+    """
+
+    method: str
+    thresholds_mm: Float[np.ndarray, " threshold"]
+    correct_percent: Float[np.ndarray, " threshold"]
+    auc_percent: float
+    coverage_percent: float
+    num_joints: int
+
+
+@dataclass(frozen=True)
+class RoundError:
+    """The mean error of a method over a group of joints.
+
+    Attributes:
+        method: Its name: 2D + triangulation, or a round after it.
+        group: A finger or the wrist; empty for all joints.
+        mpjpe_mm: Over the joints that were found.
+        low_mm, high_mm: 95 % bootstrap interval; NaN where there is none.
+        coverage_percent: Found among the labelled joints.
+        num_joints: That were found.
+    """
+
+    method: str
+    group: str
+    mpjpe_mm: float
+    low_mm: float
+    high_mm: float
+    coverage_percent: float
+    num_joints: int
+
+
+def pck_figure(curves: Sequence[PckCurve], recordings: str) -> "Figure":
+    """Return the PCK curves of methods, with the area under each in the legend (paper, supplement C).
+
+    Args:
+        curves: One for each method, over the same range.
+        recordings: What they are of, for the title: "synthetic recordings".
+
+    Raises:
+        ValueError: There are no curves.
+    """
+    if not curves:
+        raise ValueError("A figure of PCK curves needs at least one method; evaluate one.")
+    figure, (axes,) = _figure(1, (7.0, 5.0))
+    colors = _colors([curve.method for curve in curves])
+    for curve, (color, dashes) in zip(curves, colors, strict=True):
+        label = f"{_label(curve.method)}: AUC {curve.auc_percent:.1f} %, {curve.coverage_percent:.1f} % found"
+        axes.plot(curve.thresholds_mm, curve.correct_percent, color=color, linestyle=dashes, linewidth=2, label=label)
+    axes.set(xlim=(0, curves[0].thresholds_mm[-1]), ylim=(0, 100))
+    axes.set(xlabel="distance to the truth (mm)", ylabel="joints within that distance (%)")
+    axes.set_title(f"PCK on {recordings}\n{curves[0].num_joints:,} joints, missing ones count as wrong")
+    axes.legend(loc="lower right")
+    return figure
+
+
+def round_figure(errors: Sequence[RoundError], recordings: str) -> "Figure":
+    """Return the mean error from round to round with its intervals: over all joints, and by finger.
+
+    Args:
+        errors: Of each method the error over all joints and of any groups; methods in the order of rounds.
+        recordings: What they are of, for the title: "synthetic recordings".
+
+    Raises:
+        ValueError: There are fewer than two methods.
+    """
+    methods = list(dict.fromkeys(error.method for error in errors))
+    if len(methods) < 2:
+        raise ValueError(f"A figure of rounds needs at least two methods, got {', '.join(methods) or 'none'}.")
+    figure, panels = _figure(2, (11.0, 5.0))
+    everything = [error for error in errors if not error.group]
+    _draw_course(panels[0], everything, methods, "all joints", "#000000", 0.0)
+    for error in everything:
+        place = methods.index(error.method), error.mpjpe_mm
+        panels[0].annotate(f"{error.mpjpe_mm:.2f}", place, (9, 7), textcoords="offset points")
+    groups = [name for name in _GROUP_COLORS if any(error.group == name for error in errors)]
+    for number, name in enumerate(groups):
+        of_group = [error for error in errors if error.group == name]
+        shift = _SIDESTEP * (number - (len(groups) - 1) / 2)
+        _draw_course(panels[1], of_group, methods, name, _GROUP_COLORS[name], shift)
+    _label_rounds(panels, everything, methods)
+    title = f"Error by round on {recordings}: mean over the joints found, 95 % bootstrap intervals"
+    figure.suptitle(title, fontsize="large")
+    return figure
+
+
+def save_figure(figure: "Figure", path: Path) -> None:
+    """Write a figure as PNG of 100 dpi."""
+    figure.savefig(path, dpi=DPI)
+
+
+def _figure(num_panels: int, size_inches: tuple[float, float]) -> "tuple[Figure, list[Axes]]":
+    """Return a figure that no window manager and no global state knows of, so that workers may draw, too."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=size_inches, dpi=DPI, layout="constrained")
+    FigureCanvasAgg(figure)
+    panels = list(figure.subplots(1, num_panels, sharey=True, squeeze=False)[0])
+    for axes in panels:
+        axes.grid(color="#DDDDDD")
+        axes.set_axisbelow(True)
+        axes.spines[["top", "right"]].set_visible(False)
+    return figure, panels
+
+
+def _draw_course(
+    axes: "Axes", errors: Sequence[RoundError], methods: Sequence[str], label: str, color: str, shift: float
+) -> None:
+    """Draw one group's errors over the methods, with intervals where they are known."""
+    x = [methods.index(error.method) + shift for error in errors]
+    value, low, high = np.array([(error.mpjpe_mm, error.low_mm, error.high_mm) for error in errors]).T
+    style: dict[str, Any] = {"color": color, "marker": "o", "markersize": 5, "linewidth": 1.5, "capsize": 3}
+    axes.errorbar(x, value, yerr=(value - low, high - value), label=label, **style)
+
+
+def _label_rounds(panels: "Sequence[Axes]", everything: Sequence[RoundError], methods: Sequence[str]) -> None:
+    names = [_label(method).replace(" + ", " +\n") for method in methods]
+    found = {error.method: f"{error.coverage_percent:.1f} % found\nn = {error.num_joints:,}" for error in everything}
+    panels[0].set_xticks(range(len(methods)), [f"{n}\n{found.get(m, '')}" for n, m in zip(names, methods, strict=True)])
+    panels[1].set_xticks(range(len(methods)), names)
+    panels[0].set(title="all joints", ylabel="MPJPE (mm)", xlim=(-0.4, len(methods) - 0.4))
+    panels[1].set(title="by finger", xlim=(-0.4, len(methods) - 0.4))
+    panels[0].set_ylim(bottom=0)
+    panels[1].tick_params(labelleft=True)
+    panels[1].legend(loc="best", ncols=2)
+
+
+def _label(method: str) -> str:
+    return _LABELS.get(method, method)
+
+
+def _colors(methods: Sequence[str]) -> list[tuple[str, str]]:
+    """Return colour and dashes of each method: known ones have their own and are solid, others follow."""
+    others = [method for method in methods if method not in _METHOD_COLORS]
+    styles = {method: (color, "-") for method, color in _METHOD_COLORS.items()}
+    for number, method in enumerate(others):
+        styles[method] = _OTHER_COLORS[number % len(_OTHER_COLORS)], _DASHES[number % len(_DASHES)]
+    return [styles[method] for method in methods]
