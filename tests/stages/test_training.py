@@ -1,0 +1,103 @@
+"""Stages that train, on a dozen hands: they learn, start where they are told, and leave weights that can be read."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pyarrow as pa
+import pytest
+import torch
+import yaml
+from spotted_hands import hand_tables
+
+from assemblyhands_core.data.catalog import BODY_LABELS, WEIGHTS
+from assemblyhands_core.data.crop_images import encode_jpeg
+from assemblyhands_core.data.digests import digest_file
+from assemblyhands_core.models.pretrained import load_hand_keypoints, load_mvexonet, read_card
+from stages import train_body_keypoints, train_keypoints, train_mvexonet
+from stages._contract import Context, Stage
+
+CONF = Path(__file__).parents[2] / "conf" / "stage"
+SHORT = {"num_epochs": 3, "steps_per_epoch": 8, "batch_size": 4, "num_loaders": 0, "held_out_share": 0.2}
+NET = {"backbone": "mobilenetv3_small_050", "num_levels": 2, "num_channels": 8, "from_imagenet": False}
+
+
+def _config(stage: Stage[Any], **changes: Any) -> Any:
+    values = yaml.safe_load((CONF / f"{stage.name}.yaml").read_text())
+    return stage.config.model_validate({**values, **SHORT, **changes})
+
+
+def _run(stage: Stage[Any], config: Any, inputs: dict[str, pa.Table], folder: Path) -> dict[str, pa.Table]:
+    folder.mkdir(exist_ok=True)
+    return stage.run(config, inputs, Context(folder, "set", 1, folder / "scratch"))
+
+
+def _stored(made: dict[str, pa.Table], folder: Path) -> pa.Table:
+    """Return the table as the store hands it on: with the file's whole path."""
+    (row,) = made["weights"].to_pylist()
+    return WEIGHTS.from_rows([{**row, "weights_file": str(folder / row["weights_file"])}])
+
+
+@pytest.fixture(scope="module")
+def keypoints(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, pa.Table], Path]:
+    folder = tmp_path_factory.mktemp("keypoints")
+    crops, labels = hand_tables(12)
+    config = _config(train_keypoints.STAGE, **NET, image_size_px=64, learning_rate=0.01)
+    return _run(train_keypoints.STAGE, config, {"crops": crops, "labels": labels}, folder), folder
+
+
+def test_the_2d_network_learns_and_its_card_tells_from_what(keypoints: Any) -> None:
+    made, folder = keypoints
+    loss = made["curve"]["loss"].to_pylist()
+    assert len(loss) == 3 and loss[2] < 0.9 * loss[0]
+    (row,) = made["weights"].to_pylist()
+    card = json.loads(row["card"])
+    assert (card["samples"], card["held_out"], card["start"]) == (9, 3, "random")
+    assert card["data"].startswith("set, simulator version") and card["git commit"]
+    assert card["error_px"] == pytest.approx(min(made["curve"]["error"].to_pylist()), abs=1e-3)
+    path = folder / row["weights_file"]
+    assert digest_file(path) == row["sha256"] and read_card(path)["git commit"] == card["git commit"]
+    assert load_hand_keypoints(path).config.image_size_px == 64
+
+
+def test_mvexonet_starts_from_the_2d_networks_encoder_and_learns(keypoints: Any, tmp_path: Path) -> None:
+    crops, labels = hand_tables(12)
+    inputs = {"crops": crops, "labels": labels, "start": _stored(*keypoints)}
+    shape = {"image_size_px": 64, "num_voxels": 16, "v2v": "slim"}
+    made = _run(
+        train_mvexonet.STAGE, _config(train_mvexonet.STAGE, **shape, learning_rate=0.003), inputs, tmp_path / "a"
+    )
+    loss = made["curve"]["loss"].to_pylist()
+    assert loss[2] < 0.9 * loss[0]
+    start = load_hand_keypoints(Path(inputs["start"]["weights_file"][0].as_py())).encoder.state_dict()
+    still = _config(train_mvexonet.STAGE, **shape, learning_rate=1e-12, weight_decay=0.0)
+    unmoved = _run(train_mvexonet.STAGE, still, inputs, tmp_path / "b")
+    found = load_mvexonet(Path(_stored(unmoved, tmp_path / "b")["weights_file"][0].as_py())).encoder.state_dict()
+    learnt = [name for name in start if start[name].is_floating_point() and "running" not in name]
+    assert learnt and all(torch.allclose(found[name], start[name], atol=1e-6) for name in learnt)
+
+
+def _body_rows(num_frames: int) -> pa.Table:
+    """Seventeen spots on a diagonal that shifts; the legs are never seen."""
+    rows = []
+    for frame in range(num_frames):
+        points = np.stack([np.linspace(10, 80, 17) + frame, np.linspace(5, 55, 17)], axis=-1)
+        image = np.full((64, 96, 3), 30, np.uint8)
+        for index, (x, y) in enumerate(points):
+            cv2.circle(image, (round(x), round(y)), 2, (250 - 10 * index, 80 + 10 * index, 90), -1)
+        is_valid = np.arange(17) < 13
+        pixels = np.where(is_valid[:, None], points, np.nan).ravel()
+        row = {"sequence_id": "set", "frame": frame, "camera_id": "c", "image": encode_jpeg(image, 95)}
+        rows.append({**row, "body_px": pixels, "valid": is_valid})
+    return BODY_LABELS.from_rows(rows)
+
+
+def test_the_body_network_learns(tmp_path: Path) -> None:
+    config = _config(train_body_keypoints.STAGE, **NET, image_width_px=96, learning_rate=0.01)
+    made = _run(train_body_keypoints.STAGE, config, {"labels": _body_rows(12)}, tmp_path)
+    loss = made["curve"]["loss"].to_pylist()
+    assert loss[2] < 0.9 * loss[0]
+    network = load_hand_keypoints(Path(_stored(made, tmp_path)["weights_file"][0].as_py()))
+    assert (network.config.num_joints, network.config.image_size_px) == (17, 96)
