@@ -14,11 +14,14 @@ SEQUENCE := $(if $(SET),manifest=data_manifests/synthetic_$(SET).csv) $(if $(SEQ
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 SOURCES := assemblyhands_core stages pipeline tests benchmarks
 
-.PHONY: annotate simulate train plan doctor gc test test-slow check format benchmark docs help clean
+.PHONY: annotate evaluate simulate train plan doctor gc test test-slow check format benchmark docs help clean
 .DEFAULT_GOAL := help
 
 annotate: $(VENV)/.installed  ## video in, 3D hand joints out: SEQ=name (default: records one), ARGS='parameter=value'
 	$(RUN) annotate $(SEQUENCE) $(ARGS)
+
+evaluate: $(VENV)/.installed  ## annotate, and hold every round against the simulator's truth: SEQ=name, SET=tiny, small or full
+	$(RUN) evaluate $(SEQUENCE) $(ARGS)
 
 simulate: $(VENV)/.installed  ## record synthetic sequences: SEQ=name, SET=tiny, small or full
 	$(RUN) simulate $(SEQUENCE) $(ARGS)

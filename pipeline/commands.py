@@ -25,6 +25,7 @@ from pipeline.plan import make_plan, total_seconds
 from pipeline.progress import Progress
 from pipeline.publishing import publish
 from pipeline.recordings import select_recordings
+from pipeline.report import write_report
 from pipeline.runner import Runner, results
 from pipeline.takes import absent_takes, select_takes, studio_folder
 from pipeline.tasks import Result
@@ -82,6 +83,7 @@ def _run(config: RunConfig, console: Console, command_line: str) -> int:
     summary.print_rounds(console, folder)
     summary.print_weights(console, folder)
     print_evaluation(console, config, folder)
+    write_report(console, config, folder)
     summary.print_keypoints(console, folder)
     summary.print_times(console, found, started)
     _say(console, f"results: {folder}")

@@ -1,64 +1,115 @@
 """What ``evaluate`` leaves behind beside its tables: all figures in one file, and pictures of them."""
 
-from collections.abc import Mapping, Sequence
+import itertools
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, Final, cast
+from typing import Final, cast
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
 import pyarrow.parquet as pq
 from rich.console import Console
 
-from assemblyhands_core.data.camera_rows import valid_cameras
 from assemblyhands_core.data.catalog import EVALUATION
-from assemblyhands_core.data.hand_crops import HandKey, stored_hands
-from assemblyhands_core.data.round_outcomes import displacement_mm
-from assemblyhands_core.data.rounds import WindowRule, joints_or_nan, known_hands
-from assemblyhands_core.metrics.annotation import TABLE, Cell, Resampling, evaluate_annotation
+from assemblyhands_core.metrics.annotation import TABLE, Cell, evaluate_annotation
 from assemblyhands_core.metrics.comparison import compare_methods
 from assemblyhands_core.metrics.error_rows import align_methods
 from assemblyhands_core.metrics.keypoints import MAX_MM, NUM_THRESHOLDS, pck_curve
 from assemblyhands_core.viz.figures import PckCurve, RoundError, pck_figure, round_figure, save_figure
-from assemblyhands_core.viz.round_sheet import HandCourse, HandRound, choose_hands, draw_sheet, follow_hand, save_sheet
+from assemblyhands_core.viz.round_sheet import draw_sheet, save_sheet
 from pipeline.config import RunConfig
 from pipeline.evaluation import complete_sequences, read_errors
+from pipeline.round_crops import read_courses
 from stages import annotate_round, evaluate
 
 POOLED: Final = "all"
-"""What stands for the sequence in figures over all of them, as in ``seq=all``."""
+"""What stands for the sequence in figures over all of them."""
 _TARGET: Final = "evaluate"
-_RECORDINGS: Final = "synthetic recordings"  # only the simulator knows the truth
-_MAX_HANDS: Final = 4
+_RECORDINGS: Final = "synthetic recordings"  # the truth that stages/evaluate.py reads is the simulator's
+_GROUPED: Final = f"{TABLE}_by_finger"
+
+
+class _NothingToShow(Exception):
+    """Why a file of the report is not there."""
 
 
 def write_report(console: Console, config: RunConfig, run: Path) -> None:
-    """Write the report of a run that was asked to evaluate, and print where its files are."""
+    """Write the report of a run that was asked to evaluate; say where its files are, or why one is not there."""
     if config.target != _TARGET:
         return
     folder = run / "report"
     folder.mkdir(exist_ok=True)
+    settings = cast(evaluate.EvaluateConfig, config.stages[evaluate.STAGE.name])
     complete = complete_sequences(read_errors(run))
-    cells = _pooled(pa.concat_tables(complete), config) if complete else []
-    settings = _evaluation(config)
-    absent = {
-        "metrics.csv": _write_metrics(folder / "metrics.csv", run, cells),
-        "pck_curves.png": _draw_curves(folder / "pck_curves.png", complete, cells, settings.resampling),
-        "error_by_round.png": _draw_rounds(folder / "error_by_round.png", cells),
-        "crops_by_round.png": _draw_crops(folder / "crops_by_round.png", run, config),
+    whole = pa.concat_tables(complete) if complete else None
+    cells = [] if whole is None else _pooled(whole, settings)
+    makers: dict[str, Callable[[Path], None]] = {
+        "metrics.csv": lambda path: _write_metrics(path, run, cells),
+        "pck_curves.png": lambda path: _draw_curves(path, whole, cells, settings.block_frames),
+        "error_by_round.png": lambda path: _draw_rounds(path, cells, _rounds(run)),
+        "crops_by_round.png": lambda path: _draw_crops(path, config, run),
     }
-    for name, reason in absent.items():
-        line = f"left out of the report: {name}: {reason}" if reason else f"report: {folder / name}"
+    for name, make in makers.items():
+        try:
+            make(folder / name)
+            line = f"report: {folder / name}"
+        except _NothingToShow as reason:
+            line = f"report: without {name}: {reason}"
         console.print(line, markup=False, highlight=False, soft_wrap=True)
 
 
-def _evaluation(config: RunConfig) -> evaluate.EvaluateConfig:
-    return cast(evaluate.EvaluateConfig, config.stages[evaluate.STAGE.name])
+def _rounds(run: Path) -> list[str]:
+    """Return the methods of round 0 and those after it: what the errors of node ``evaluation_<round>`` are of."""
+    methods: list[str] = []
+    for number in itertools.takewhile(lambda k: (run / f"evaluation_{k}").is_dir(), itertools.count()):
+        for path in sorted((run / f"evaluation_{number}" / "errors").glob("*.parquet")):
+            methods += pq.read_table(path.resolve(), columns=["method"])["method"].unique().to_pylist()
+    return list(dict.fromkeys(methods))
 
 
-def _pooled(errors: pa.Table, config: RunConfig) -> list[Cell]:
+def _pooled(errors: pa.Table, settings: evaluate.EvaluateConfig) -> list[Cell]:
     """Return the figures over all sequences, and of methods against one another."""
-    settings = _evaluation(config)
     bounds = settings.low_occlusion, settings.high_occlusion
-    compared = compare_methods(errors, settings.resampling)
-    return [*evaluate_annotation(errors, bounds, settings.resampling), *compared]
+    figures = evaluate_annotation(errors, bounds, settings.resampling)
+    return [*figures, *compare_methods(errors, settings.resampling)]
+
+
+def _write_metrics(path: Path, run: Path, pooled: Sequence[Cell]) -> None:
+    """Write a line for each figure: those of every sequence, and the pooled ones with `POOLED` for the sequence."""
+    tables = [pq.read_table(file.resolve()) for file in sorted(run.glob("evaluation_*/metrics/*.parquet"))]
+    rows = [row for table in tables for row in table.to_pylist()]
+    if not rows:
+        raise _NothingToShow("nothing was evaluated")
+    rows += [{"sequence_id": POOLED, **cell._asdict()} for cell in pooled]
+    EVALUATION.from_rows(rows).to_pandas().to_csv(path, index=False)
+
+
+def _draw_curves(path: Path, errors: pa.Table | None, cells: Sequence[Cell], block_frames: int) -> None:
+    if errors is None:
+        raise _NothingToShow("no sequence has all methods")
+    thresholds_mm = np.linspace(0, MAX_MM, NUM_THRESHOLDS)
+    areas = {cell.row: cell for cell in cells if cell.table == TABLE and cell.metric == "pck_auc"}
+    curves = []
+    for method, rows in align_methods(errors, block_frames).items():
+        correct = pck_curve(rows.error_mm, rows.is_labelled, thresholds_mm)
+        area = areas[method]
+        curves.append(PckCurve(method, thresholds_mm, correct, area.value, area.coverage, area.n))
+    save_figure(pck_figure(curves, _RECORDINGS), path)
+
+
+def _draw_rounds(path: Path, cells: Sequence[Cell], rounds: Sequence[str]) -> None:
+    drawn = [cell for cell in cells if cell.table in (TABLE, _GROUPED) and cell.metric == "mpjpe_mm"]
+    errors = [RoundError(c.row, c.group, c.value, c.low, c.high, c.coverage, c.n) for c in drawn]
+    by_round = [error for name in rounds for error in errors if error.method == name]
+    if len({error.method for error in by_round}) < 2:
+        raise _NothingToShow("there are no two rounds to compare")
+    bound = next((error for error in errors if error.method == evaluate.UPPER_BOUND and not error.group), None)
+    save_figure(round_figure(by_round, _RECORDINGS, bound), path)
+
+
+def _draw_crops(path: Path, config: RunConfig, run: Path) -> None:
+    settings = cast(annotate_round.AnnotateRoundConfig, config.stages[annotate_round.STAGE.name])
+    courses = read_courses(run, settings.window_rule())
+    if not courses:
+        raise _NothingToShow("there is no hand with a stored crop that two rounds found")
+    save_sheet(draw_sheet(courses, _RECORDINGS), path)

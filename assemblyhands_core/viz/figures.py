@@ -22,8 +22,14 @@ if TYPE_CHECKING:
 
 DPI: Final = 100
 _LABELS: Final = {"2d_triangulation": "2D + triangulation"}
-_METHOD_COLORS: Final = {"2d_triangulation": "#0072B2", "R1": "#E69F00", "R2": "#009E73", "R3": "#D55E00"}
-_OTHER_COLORS: Final = ("#CC79A7", "#56B4E9", "#000000", "#999999", "#B8A800")
+_STYLES: Final = {
+    "2d_triangulation": ("#0072B2", "-"),
+    "R1": ("#E69F00", "-"),
+    "R2": ("#009E73", "-"),
+    "R3": ("#D55E00", "-"),
+    "true crops and root": ("#000000", "--"),
+}
+_OTHER_COLORS: Final = ("#CC79A7", "#56B4E9", "#999999", "#B8A800")
 _DASHES: Final = ("--", "-.", ":")
 _GROUP_COLORS: Final = {
     **{finger: "#{:02X}{:02X}{:02X}".format(*color) for finger, color in zip(FINGERS, FINGER_COLORS, strict=True)},
@@ -99,25 +105,30 @@ def pck_figure(curves: Sequence[PckCurve], recordings: str) -> "Figure":
     return figure
 
 
-def round_figure(errors: Sequence[RoundError], recordings: str) -> "Figure":
+def round_figure(errors: Sequence[RoundError], recordings: str, bound: RoundError | None = None) -> "Figure":
     """Return the mean error from round to round with its intervals: over all joints, and by finger.
 
     Args:
         errors: Of each method the error over all joints and of any groups; methods in the order of rounds.
         recordings: What they are of, for the title: "synthetic recordings".
+        bound: What a round would reach that started from the truth, over all joints.
 
     Raises:
         ValueError: There are fewer than two methods.
     """
-    methods = list(dict.fromkeys(error.method for error in errors))
+    everything = [error for error in errors if not error.group]
+    methods = [error.method for error in everything]
     if len(methods) < 2:
         raise ValueError(f"A figure of rounds needs at least two methods, got {', '.join(methods) or 'none'}.")
     figure, panels = _figure(2, (11.0, 5.0))
-    everything = [error for error in errors if not error.group]
     _draw_course(panels[0], everything, methods, "all joints", "#000000", 0.0)
     for error in everything:
         place = methods.index(error.method), error.mpjpe_mm
         panels[0].annotate(f"{error.mpjpe_mm:.2f}", place, (9, 7), textcoords="offset points")
+    if bound is not None:
+        ((color, dashes),) = _colors([bound.method])
+        label = f"{bound.method}: {bound.mpjpe_mm:.2f}, {bound.coverage_percent:.1f} % found"
+        panels[0].axhline(bound.mpjpe_mm, color=color, linestyle=dashes, linewidth=1, label=label)
     groups = [name for name in _GROUP_COLORS if any(error.group == name for error in errors)]
     for number, name in enumerate(groups):
         of_group = [error for error in errors if error.group == name]
@@ -167,6 +178,7 @@ def _label_rounds(panels: "Sequence[Axes]", everything: Sequence[RoundError], me
     panels[0].set(title="all joints", ylabel="MPJPE (mm)", xlim=(-0.4, len(methods) - 0.4))
     panels[1].set(title="by finger", xlim=(-0.4, len(methods) - 0.4))
     panels[0].set_ylim(bottom=0)
+    panels[0].legend(loc="best")
     panels[1].tick_params(labelleft=True)
     panels[1].legend(loc="best", ncols=2)
 
@@ -176,9 +188,8 @@ def _label(method: str) -> str:
 
 
 def _colors(methods: Sequence[str]) -> list[tuple[str, str]]:
-    """Return colour and dashes of each method: known ones have their own and are solid, others follow."""
-    others = [method for method in methods if method not in _METHOD_COLORS]
-    styles = {method: (color, "-") for method, color in _METHOD_COLORS.items()}
-    for number, method in enumerate(others):
+    """Return colour and dashes of each method: known ones have their own, others what is left, dashed."""
+    styles = dict(_STYLES)
+    for number, method in enumerate(method for method in methods if method not in _STYLES):
         styles[method] = _OTHER_COLORS[number % len(_OTHER_COLORS)], _DASHES[number % len(_DASHES)]
     return [styles[method] for method in methods]
