@@ -24,6 +24,7 @@ from stages import (
     plan_crops,
     preview_recording,
     script_take,
+    smooth_joints,
     start_from_truth,
     train_body_keypoints,
     train_keypoints,
@@ -143,6 +144,7 @@ def build_dag(num_rounds: int = 3) -> Dag:
     evaluations = _add_evaluation(dag, num_rounds)
     dag.targets |= {
         "annotate": ("quality", "overlay", *evaluations),
+        "smooth": ("quality", "overlay", *evaluations, "smoothed"),
         "evaluate": (*evaluations, "evaluation_bound"),
         "doctor": ("audit",),
         "undistort": ("undistort",),
@@ -235,7 +237,7 @@ def _add_round(dag: Dag, name: str, before: str, earlier: str) -> None:
 
 
 def _add_results(dag: Dag, last: str) -> None:
-    """Add what shows an annotation: how good it is, and pictures."""
+    """Add what shows an annotation: how good it is, and pictures; beside it the same cleaned up over time."""
     dag.add(
         "quality",
         measure_quality.STAGE,
@@ -253,6 +255,7 @@ def _add_results(dag: Dag, last: str) -> None:
         body_keypoints="detect_hands.body_keypoints",
         joints=f"{last}.joints",
     )
+    dag.add("smoothed", smooth_joints.STAGE, joints=f"{last}.joints")
 
 
 def _add_evaluation(dag: Dag, num_rounds: int) -> tuple[str, ...]:
