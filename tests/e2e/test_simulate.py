@@ -39,9 +39,9 @@ class Recorded:
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
     folder = tmp_path_factory.mktemp("studio")
-    header = "sequence_id,split,calibration,videos,package,rig,duration_s,keypoints,ground_truth"
+    header = "sequence_id,split,calibration,videos,package,rig,duration_s,ground_truth"
     row = f"{NAME},test,calib/nimble_json_calib/{NAME}.json,recordings/{NAME}/*_rgb.mp4,synthetic,assembly,"
-    row += f"{ORDER.duration_s},keypoints_from_truth/{NAME},ground_truth/{NAME}"
+    row += f"{ORDER.duration_s},ground_truth/{NAME}"
     (folder / "set.csv").write_text(f"{header}\n{row}\n")
     overrides = (f"manifest={folder / 'set.csv'}", "seq=all", "script_take.chunk_frames=1")
     outcome = pipeline("simulate", "executor=serial", *overrides, workspace=folder / "work")
@@ -62,7 +62,7 @@ def test_the_files_are_where_the_real_data_sets_have_them(recorded: Recorded, se
     assert read_split(layout.split("test")) == [NAME]
     listed = {line.split("  ")[1] for line in layout.delivered(NAME).read_text().splitlines()[1:]}
     there = {path.relative_to(layout.root).as_posix() for path in layout.root.rglob("*") if path.is_file()}
-    assert listed <= there and len(listed) == 12 + 1 + 3 + 3 + 2
+    assert listed <= there and len(listed) == 12 + 1 + 3 + 3
 
 
 def test_the_calibration_gives_back_the_cameras(recorded: Recorded, session: Session) -> None:
@@ -130,17 +130,17 @@ def test_again_costs_nothing_and_workers_give_the_same(recorded: Recorded, tmp_p
     assert "delivery" in one
 
 
-def test_annotate_finds_the_joints_without_a_detector(recorded: Recorded) -> None:
+def test_annotate_finds_the_joints_with_our_own_networks_and_each_round_is_evaluated(recorded: Recorded) -> None:
     outcome = pipeline("annotate", "executor=serial", *recorded.overrides, workspace=recorded.workspace).assert_done()
-    assert f"{NAME}: no detector ran, its 2D keypoints were given:" in outcome.said
-    assert "keypoints_from_truth" in outcome.said and "recorded first" not in outcome.said
-    joints = load(recorded.workspace / "runs" / "latest" / "round_0")
+    assert "recorded first" not in outcome.said and f"{NAME}, round_3: 4 hands" in outcome.said
+    joints = load(recorded.workspace / "runs" / "latest" / "round_3")
+    assert set(joints["round"]) == {3}
     true = read_ground_truth(recorded.layout.ground_truth(NAME), TRUE_JOINTS).to_pandas()
     both = joints.merge(true, on=["sequence_id", "frame", "hand"], suffixes=("", "_true"))
     found, expected = (np.stack(both[c]).reshape(-1, 21, 3) for c in ("joints_world_mm", "joints_world_mm_true"))
     errors = np.linalg.norm(found - expected, axis=-1)
     assert len(both) == 2 * NUM_FRAMES and np.isfinite(errors).mean() > 0.9
-    assert 0.5 < np.nanmedian(errors) < 8.0
+    assert 0.5 < np.nanmedian(errors) < 12.0
     assert f"{NAME} against the simulator's truth" in outcome.said
-    told = load(recorded.workspace / "runs" / "latest" / "evaluation_0")
+    told = load(recorded.workspace / "runs" / "latest" / "evaluation_3")
     assert np.allclose(np.sort(np.stack(told.error_mm).ravel()), np.sort(errors.ravel()), atol=1e-3, equal_nan=True)
