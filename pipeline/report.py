@@ -94,6 +94,7 @@ def _draw_curves(path: Path, errors: pa.Table | None, cells: Sequence[Cell], blo
         correct = pck_curve(rows.error_mm, rows.is_labelled, thresholds_mm)
         area = areas[method]
         curves.append(PckCurve(method, thresholds_mm, correct, area.value, area.coverage, area.n))
+    curves.sort(key=lambda curve: curve.method == evaluate.UPPER_BOUND)  # no annotation: it comes last
     save_figure(pck_figure(curves, _RECORDINGS), path)
 
 

@@ -8,7 +8,7 @@ and Ito, the same method or finger always in its own.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from jaxtyping import Float
@@ -121,19 +121,14 @@ def round_figure(errors: Sequence[RoundError], recordings: str, bound: RoundErro
     if len(methods) < 2:
         raise ValueError(f"A figure of rounds needs at least two methods, got {', '.join(methods) or 'none'}.")
     figure, panels = _figure(2, (11.0, 5.0))
-    _draw_course(panels[0], everything, methods, "all joints", "#000000", 0.0)
-    for error in everything:
-        place = methods.index(error.method), error.mpjpe_mm
-        panels[0].annotate(f"{error.mpjpe_mm:.2f}", place, (9, 7), textcoords="offset points")
-    if bound is not None:
-        ((color, dashes),) = _colors([bound.method])
-        label = f"{bound.method}: {bound.mpjpe_mm:.2f}, {bound.coverage_percent:.1f} % found"
-        panels[0].axhline(bound.mpjpe_mm, color=color, linestyle=dashes, linewidth=1, label=label)
+    _draw_all_joints(panels[0], everything, methods, bound)
     groups = [name for name in _GROUP_COLORS if any(error.group == name for error in errors)]
     for number, name in enumerate(groups):
         of_group = [error for error in errors if error.group == name]
         shift = _SIDESTEP * (number - (len(groups) - 1) / 2)
         _draw_course(panels[1], of_group, methods, name, _GROUP_COLORS[name], shift)
+    if groups:
+        panels[1].legend(loc="best", ncols=2)
     _label_rounds(panels, everything, methods)
     title = f"Error by round on {recordings}: mean over the joints found, 95 % bootstrap intervals"
     figure.suptitle(title, fontsize="large")
@@ -160,27 +155,44 @@ def _figure(num_panels: int, size_inches: tuple[float, float]) -> "tuple[Figure,
     return figure, panels
 
 
+def _draw_all_joints(
+    axes: "Axes", errors: Sequence[RoundError], methods: Sequence[str], bound: RoundError | None
+) -> None:
+    _draw_course(axes, errors, methods, "all joints", "#000000", 0.0)
+    for place, error in enumerate(errors):
+        if np.isfinite(error.mpjpe_mm):
+            axes.annotate(f"{error.mpjpe_mm:.2f}", (place, error.mpjpe_mm), (9, 7), textcoords="offset points")
+    if bound is not None:
+        ((color, dashes),) = _colors([bound.method])
+        label = f"{bound.method}: {bound.mpjpe_mm:.2f} mm ({_found(bound)})"
+        axes.axhline(bound.mpjpe_mm, color=color, linestyle=dashes, linewidth=1, label=label)
+        axes.legend(loc="best")
+
+
 def _draw_course(
     axes: "Axes", errors: Sequence[RoundError], methods: Sequence[str], label: str, color: str, shift: float
 ) -> None:
     """Draw one group's errors over the methods, with intervals where they are known."""
     x = [methods.index(error.method) + shift for error in errors]
     value, low, high = np.array([(error.mpjpe_mm, error.low_mm, error.high_mm) for error in errors]).T
-    style: dict[str, Any] = {"color": color, "marker": "o", "markersize": 5, "linewidth": 1.5, "capsize": 3}
-    axes.errorbar(x, value, yerr=(value - low, high - value), label=label, **style)
+    axes.plot(x, value, color=color, marker="o", markersize=5, linewidth=1.5, label=label)
+    # Around its own middle: an interval of percentiles need not hold the value.
+    axes.errorbar(x, (low + high) / 2, yerr=(high - low) / 2, fmt="none", ecolor=color, elinewidth=1.5, capsize=3)
 
 
 def _label_rounds(panels: "Sequence[Axes]", everything: Sequence[RoundError], methods: Sequence[str]) -> None:
     names = [_label(method).replace(" + ", " +\n") for method in methods]
-    found = {error.method: f"{error.coverage_percent:.1f} % found\nn = {error.num_joints:,}" for error in everything}
-    panels[0].set_xticks(range(len(methods)), [f"{n}\n{found.get(m, '')}" for n, m in zip(names, methods, strict=True)])
+    found = [_found(error).replace(", ", "\n") for error in everything]
+    panels[0].set_xticks(range(len(methods)), [f"{name}\n{of}" for name, of in zip(names, found, strict=True)])
     panels[1].set_xticks(range(len(methods)), names)
     panels[0].set(title="all joints", ylabel="MPJPE (mm)", xlim=(-0.4, len(methods) - 0.4))
     panels[1].set(title="by finger", xlim=(-0.4, len(methods) - 0.4))
     panels[0].set_ylim(bottom=0)
-    panels[0].legend(loc="best")
     panels[1].tick_params(labelleft=True)
-    panels[1].legend(loc="best", ncols=2)
+
+
+def _found(error: RoundError) -> str:
+    return f"{error.coverage_percent:.1f} % found, n = {error.num_joints:,}"
 
 
 def _label(method: str) -> str:

@@ -20,7 +20,7 @@ from assemblyhands_core.data.rounds import Box, KnownHand, WindowRule, hand_wind
 from assemblyhands_core.hands.joints import NUM_JOINTS
 from assemblyhands_core.viz.overlays import Image, contact_sheet, draw_box, draw_hand
 
-TILE_PX: Final = 300
+TILE_PX: Final = 400
 _MARGIN: Final = 1.06  # of the crop: a window as large as the crop is still seen whole
 _DID_NOT_LOOK: Final = frozenset({CONVERGED, TOO_FEW_VIEWS, NO_ROOT})
 
@@ -115,7 +115,7 @@ def draw_sheet(courses: Sequence[HandCourse], recordings: str, tile_px: int = TI
 
     Args:
         courses: Of hands that went through the same number of rounds.
-        recordings: What they are of: "synthetic recording".
+        recordings: What they are of: "synthetic recordings".
         tile_px: Side of a tile.
 
     Raises:
@@ -185,4 +185,4 @@ def _name(number: int) -> str:
 
 def _title(course: HandCourse, recordings: str) -> str:
     sequence, frame, hand = course.key
-    return f"{recordings} {sequence}: frame {frame}, {hand} hand, {course.view.camera_id}"
+    return f"{recordings}: {sequence}, frame {frame}, {hand} hand, {course.view.camera_id}"
