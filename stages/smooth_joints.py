@@ -15,8 +15,9 @@ from assemblyhands_core.data.arrays import to_numpy
 from assemblyhands_core.data.catalog import JOINTS
 from assemblyhands_core.data.keypoint_rows import positions
 from assemblyhands_core.data.rounds import joints_or_nan
+from assemblyhands_core.geometry.smoothing import SmoothingRule, smooth
+from assemblyhands_core.hands.constant_bones import with_constant_bones
 from assemblyhands_core.hands.joints import HANDS
-from assemblyhands_core.hands.smoothing import SmoothingRule, smooth_hand
 from stages._contract import Context, Stage, StageConfig, Tables
 
 SOURCE = "smoothed"
@@ -61,7 +62,8 @@ def _smoothed(joints: pa.Table, rule: SmoothingRule) -> tuple[Floats, Flags]:
     for hand in range(len(HANDS)):
         rows = np.flatnonzero(side == hand)
         rows = rows[np.argsort(frame[rows])]
-        points[rows], is_filled[rows] = smooth_hand(points[rows], frame[rows], rule)
+        course, is_filled[rows] = smooth(points[rows], frame[rows], rule)
+        points[rows] = with_constant_bones(course)
     return points, is_filled
 
 
