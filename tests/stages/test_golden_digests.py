@@ -15,14 +15,14 @@ import torch
 
 from assemblyhands_core.data.arrays import to_arrow, to_numpy
 from assemblyhands_core.data.camera_rows import camera_to_row, missing_camera_row, valid_cameras
-from assemblyhands_core.data.catalog import CROPS, KEYPOINTS
+from assemblyhands_core.data.catalog import CROPS, JOINTS, KEYPOINTS
 from assemblyhands_core.data.crop_images import encode_jpeg
 from assemblyhands_core.data.digests import digest_json, digest_table
 from assemblyhands_core.geometry.crops import RemapGrid, crop_camera
 from assemblyhands_core.hands.joints import ROOT
 from assemblyhands_core.hands.kinematics import HandPose, HandSkeleton, forward_kinematics
 from assemblyhands_core.models.mvexonet import SMALL, HandEstimate, MVExoNet
-from stages import annotate_round, detect_hands, measure_quality, triangulate, undistort
+from stages import annotate_round, detect_hands, measure_quality, smooth_joints, triangulate, undistort
 from stages._contract import Context, Stage, Tables
 
 _CONTEXT = Context(Path(), "s")
@@ -33,6 +33,7 @@ GOLDEN = {
     "triangulate": (1, "e6052b3b9cddc606731b798454631f69cd25f1f6fef2808f7c3620d633b37082"),
     "annotate_round": (1, "3a716ad432b1ab69e32a4a28b62191ac79cd7f500996b66fb9c068b424821258"),
     "measure_quality": (2, "ad08f4d80d4374ea902915b169282a949128e2ef5545fdebe2e956d3c16aa4f6"),
+    "smooth_joints": (1, "8a2a307361fd93919bf04c3d114dce64faf8147546ae1e20a875ea85a4bb3340"),
 }
 
 
@@ -81,6 +82,7 @@ def _run_all(world: Any) -> dict[str, tuple[Stage[Any], str]]:
     inputs = {"views": views, "bodies": hands["bodies"], "body_keypoints": hands["body_keypoints"]}
     inputs |= {"joints": annotated["joints"], "triangulated": joints["joints"], "residuals": joints["residuals"]}
     run(measure_quality.STAGE, _MEASURE_QUALITY, inputs)
+    run(smooth_joints.STAGE, _SMOOTH_JOINTS, {"joints": _swinging_hand()})
     return made
 
 
@@ -112,6 +114,8 @@ _TRIANGULATE = {
     "max_span_mm": 250.0,
 }
 _MEASURE_QUALITY = {"num_sync_frames": 10, "max_shift_frames": 2, "max_reprojection_px": 40.0}
+
+_SMOOTH_JOINTS = {"max_gap_frames": 2, "cutoff_period_frames": 7.0, "max_deviation_sd": 8.0}
 
 _ANNOTATE_ROUND = {
     "weights": "",
@@ -194,6 +198,20 @@ def _keypoints(world: Any) -> pa.Table:
                 row |= {"keypoints_px": pixels[frame, h].ravel(), "confidence": confidence[frame, h]}
                 rows.append(row | {"source": "test", "valid": True, "reason": ""})
     return KEYPOINTS.from_rows(rows)
+
+
+def _swinging_hand() -> pa.Table:
+    """A hand that moves for forty frames: noise, strays and holes."""
+    generator = np.random.default_rng(6)
+    hand = forward_kinematics(HandSkeleton.average(), HandPose("left", np.eye(4), np.zeros(20)))
+    points_mm = hand + 150 * np.sin(np.arange(40) / 8)[:, None, None] + generator.normal(0, 2, (40, 21, 3))
+    points_mm[generator.random((40, 21)) < 0.03] += 80.0
+    points_mm[generator.random((40, 21)) < 0.3] = np.nan
+    is_valid = np.isfinite(points_mm).all(axis=-1)
+    columns = {"valid": is_valid, "reason": np.where(is_valid, "", "too_few_views"), "num_views": 3 * is_valid}
+    columns |= {"reprojection_px": np.where(is_valid, 2.0, np.nan), "joints_world_mm": points_mm}
+    names = {"sequence_id": ["s"] * 40, "frame": np.arange(40), "hand": ["left"] * 40}
+    return JOINTS.build({**names, **columns, "source": ["test"] * 40, "round": [0] * 40})
 
 
 def _digest(tables: Tables) -> str:

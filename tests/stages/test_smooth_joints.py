@@ -12,6 +12,7 @@ from assemblyhands_core.data.rounds import joints_or_nan
 from assemblyhands_core.hands.joints import HANDS
 from assemblyhands_core.hands.kinematics import HandPose, HandSkeleton, bone_lengths_mm, forward_kinematics
 from assemblyhands_core.hands.steadiness import bones_spread_mm
+from pipeline.dag import build_dag
 from stages._contract import Context
 from stages.smooth_joints import STAGE, SmoothJointsConfig
 
@@ -124,3 +125,11 @@ def test_a_hand_with_two_rows_for_an_instant_is_refused() -> None:
     )
     with pytest.raises(ValueError, match="frames repeat"):
         _run(pa.concat_tables([joints, other_round]))
+
+
+@pytest.mark.parametrize("num_rounds", [0, 3])
+def test_it_is_made_only_when_asked_for_and_the_raw_joints_stay(num_rounds: int) -> None:
+    dag = build_dag(num_rounds)
+    usual, with_it = ({node.name for node in dag.upto(dag.targets[name])} for name in ("annotate", "smooth"))
+    assert with_it - usual == {"smoothed"} and usual < with_it and f"round_{num_rounds}" in usual
+    assert dag.nodes["smoothed"].inputs == {"joints": f"round_{num_rounds}.joints"}
