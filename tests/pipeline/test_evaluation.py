@@ -1,34 +1,16 @@
 import io
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any, cast
+from typing import cast
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
 from error_tables import errors_table
+from finished_run import CONFIG, write_evaluation
 from rich.console import Console
 
-from assemblyhands_core.data.catalog import ERRORS, EVALUATION
-from assemblyhands_core.data.tables import write_parquet
-from assemblyhands_core.metrics.annotation import evaluate_annotation
 from pipeline.config import RunConfig
 from pipeline.evaluation import print_evaluation
-from stages.evaluate import EvaluateConfig
-
-CONFIG = EvaluateConfig(low_occlusion=0.4, high_occlusion=0.6, block_frames=2, num_resamples=100, seed=0)
-
-
-def _write(run: Path, sequence_id: str, errors: pa.Table) -> None:
-    for number, method in enumerate(sorted(set(errors["method"].to_pylist()))):
-        of_method = errors.filter(pc.equal(errors["method"], method))
-        cells = evaluate_annotation(of_method, (0.4, 0.6), CONFIG.resampling)
-        rows = [{"sequence_id": sequence_id, **cell._asdict()} for cell in cells]
-        tables: dict[str, Any] = {"errors": (ERRORS, of_method), "metrics": (EVALUATION, EVALUATION.from_rows(rows))}
-        for name, (spec, table) in tables.items():
-            folder = run / f"evaluation_{number}" / name
-            folder.mkdir(parents=True, exist_ok=True)
-            write_parquet(folder / f"{sequence_id}.parquet", table, spec, {})
 
 
 def _said(run: Path) -> str:
@@ -49,7 +31,7 @@ def test_without_truth_nothing_is_said(tmp_path: Path) -> None:
 
 
 def test_one_method_of_one_sequence_has_its_table_and_nothing_else(tmp_path: Path) -> None:
-    _write(tmp_path, "monday", _errors("monday", 1.0))
+    write_evaluation(tmp_path, "monday", _errors("monday", 1.0))
     said = _said(tmp_path)
     assert "monday against the simulator's truth" in said and "2d_triangulation" in said and "840" in said
     assert "together" not in said and "in pairs" not in said
@@ -57,8 +39,8 @@ def test_one_method_of_one_sequence_has_its_table_and_nothing_else(tmp_path: Pat
 
 def test_sequences_are_pooled_and_methods_compared_where_all_are_there(tmp_path: Path) -> None:
     for name in ("monday", "tuesday"):
-        _write(tmp_path, name, _errors(name, 1.0, 0.5))
-    _write(tmp_path, "failed", _errors("failed", 9.0))
+        write_evaluation(tmp_path, name, _errors(name, 1.0, 0.5))
+    write_evaluation(tmp_path, "failed", _errors("failed", 9.0))
     said = _said(tmp_path)
     assert "failed against" in said and "2 sequences together against the simulator's truth" in said
     assert "methods in pairs" in said and "0.50" in said.split("methods in pairs")[1]

@@ -1,0 +1,125 @@
+"""What a run leaves in its folder: evaluations of errors that a test gives, and rounds of one made-up hand."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from assemblyhands_core.data.camera_rows import camera_to_row
+from assemblyhands_core.data.catalog import CROPS, ERRORS, EVALUATION, HAND_BOXES, JOINTS, RECTIFIED_VIEWS, ROUNDS
+from assemblyhands_core.data.crop_images import encode_jpeg
+from assemblyhands_core.data.tables import TableSpec, write_parquet
+from assemblyhands_core.geometry.cameras import Camera
+from assemblyhands_core.geometry.crops import crop_camera
+from assemblyhands_core.geometry.distortion import Pinhole
+from assemblyhands_core.metrics.annotation import evaluate_annotation
+from stages.evaluate import EvaluateConfig
+
+CONFIG: Final = EvaluateConfig(low_occlusion=0.4, high_occlusion=0.6, block_frames=2, num_resamples=100, seed=0)
+CAMERA: Final = Camera("front", 640, 480, 1000.0, 1000.0, 319.5, 239.5, Pinhole(), np.eye(4))
+BOX_SIDE_PX: Final = 120.0
+
+
+def write_evaluation(run: Path, sequence_id: str, errors: pa.Table) -> None:
+    """Write what the nodes ``evaluation_<number>`` say, one for each method by name, "R..." after digits."""
+    for number, method in enumerate(sorted(set(errors["method"].to_pylist()))):
+        of_method = errors.filter(pc.equal(errors["method"], method))
+        bounds = CONFIG.low_occlusion, CONFIG.high_occlusion
+        cells = evaluate_annotation(of_method, bounds, CONFIG.resampling)
+        metrics = EVALUATION.from_rows([{"sequence_id": sequence_id, **cell._asdict()} for cell in cells])
+        node = f"evaluation_{number}" if method[0] in "2R" else "evaluation_bound"
+        write_table(run / node / "errors" / f"{sequence_id}.parquet", ERRORS, of_method)
+        write_table(run / node / "metrics" / f"{sequence_id}.parquet", EVALUATION, metrics)
+
+
+def write_rounds(run: Path, sequence_id: str, chunk: int, x_mm: Sequence[Sequence[float]]) -> None:
+    """Write the rounds of one chunk: where the right hand is, (frame, round), 1 m before the camera.
+
+    Its joints are the corners of an upright square of 40 mm; frames count from ten times the chunk. The detected box is
+    around the picture's middle, like the stored crop, twice its size.
+    """
+    frames = [10 * chunk + index for index in range(len(x_mm))]
+    hands = [{"sequence_id": sequence_id, "frame": frame, "hand": "right"} for frame in frames]
+    file = f"{sequence_id}.{chunk:05}.parquet"
+    for number, places in enumerate(zip(*x_mm, strict=True)):
+        joints = [hand | _joints(x, number) for hand, x in zip(hands, places, strict=True)]
+        write_table(run / f"round_{number}" / "joints" / file, JOINTS, JOINTS.from_rows(joints))
+        if number:
+            rounds = ROUNDS.from_rows([hand | _round(number) for hand in hands])
+            write_table(run / f"round_{number}" / "rounds" / file, ROUNDS, rounds)
+    boxes = HAND_BOXES.from_rows([hand | _box() for hand in hands])
+    write_table(run / "detect_hands" / "hand_boxes" / file, HAND_BOXES, boxes)
+    write_table(run / "crop_hands" / "crops" / file, CROPS, CROPS.from_rows([hand | _crop() for hand in hands]))
+    views = RECTIFIED_VIEWS.from_rows([{"sequence_id": sequence_id} | _rectified()])
+    write_table(run / "undistort" / "rectified_views" / f"{sequence_id}.parquet", RECTIFIED_VIEWS, views)
+
+
+def write_table(path: Path, spec: TableSpec, table: pa.Table) -> None:
+    """Write a table where a run would have it."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_parquet(path, table, spec, {})
+
+
+def _joints(x_mm: float, number: int) -> dict[str, Any]:
+    corners = 20.0 * np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
+    return {
+        "joints_world_mm": (corners[np.arange(21) % 4] + (x_mm, 0, 1000.0)).ravel(),
+        "valid": [True] * 21,
+        "reason": [""] * 21,
+        "num_views": [2] * 21,
+        "reprojection_px": [1.0] * 21,
+        "source": "mvexonet" if number else "2d_triangulation",
+        "round": number,
+    }
+
+
+def _round(number: int) -> dict[str, Any]:
+    return {
+        "round": number,
+        "box_source": "joints",
+        "num_views": 1,
+        "is_crop_outside": False,
+        "confidence": 1.0,
+        "displacement_mm": 1.0,
+        "kept_round": number,
+        "reason": "",
+        "note": "",
+    }
+
+
+def _box() -> dict[str, Any]:
+    return {
+        "camera_id": CAMERA.camera_id,
+        "hand_center_world_mm": [0.0, 0.0, 1000.0],
+        "center_rectified_px": [319.5, 239.5],
+        "side_px": BOX_SIDE_PX,
+        "source": "detected",
+        "valid": True,
+        "reason": "",
+    }
+
+
+def _crop() -> dict[str, Any]:
+    image = encode_jpeg(np.full((120, 120, 3), 90, np.uint8), 95)
+    own = crop_camera(CAMERA, (319.5, 239.5), 2 * BOX_SIDE_PX, 120)
+    return {"camera_id": CAMERA.camera_id, **camera_to_row(own), "image": image, "valid": True, "reason": ""}
+
+
+def _rectified() -> dict[str, Any]:
+    return {
+        "camera_id": CAMERA.camera_id,
+        **camera_to_row(CAMERA),
+        "kept_fraction": 1.0,
+        "valid_region_px": [-0.5, -0.5, 639.5, 479.5],
+        "round_trip_residual_px": 0.0,
+        "grid_residual_px": 0.0,
+        "grid_step_px": 16,
+        "grid": b"",
+        "rectified_file": "",
+        "rectified_sha256": "",
+        "valid": True,
+        "reason": "",
+    }
