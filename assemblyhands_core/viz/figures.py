@@ -128,7 +128,7 @@ def round_figure(errors: Sequence[RoundError], recordings: str, bound: RoundErro
         shift = _SIDESTEP * (number - (len(groups) - 1) / 2)
         _draw_course(panels[1], of_group, methods, name, _GROUP_COLORS[name], shift)
     if groups:
-        panels[1].legend(loc="best", ncols=2)
+        panels[1].legend(loc="lower left", ncols=3)
     _label_rounds(panels, everything, methods)
     title = f"Error by round on {recordings}: mean over the joints found, 95 % bootstrap intervals"
     figure.suptitle(title, fontsize="large")
@@ -166,7 +166,7 @@ def _draw_all_joints(
         ((color, dashes),) = _colors([bound.method])
         label = f"{bound.method}: {bound.mpjpe_mm:.2f} mm ({_found(bound)})"
         axes.axhline(bound.mpjpe_mm, color=color, linestyle=dashes, linewidth=1, label=label)
-        axes.legend(loc="best")
+        axes.legend(loc="lower left")  # the axis begins at 0, errors do not
 
 
 def _draw_course(
