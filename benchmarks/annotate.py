@@ -1,0 +1,115 @@
+"""A round of annotation as the stage runs it: hands per second, what the network needs of it, and how near to the peak.
+
+    python benchmarks/annotate.py [--run work/runs/latest] [--threads 2] [--repeats 3]
+
+Takes a finished run (`make annotate`) and does round 2 of its first chunk anew. *Outside the network* is the time by
+the clock in which the network does not run: tables, decoding and cutting of crops, the guard, tables again. FLOPs are
+those of convolutions and products (two for each multiplication and addition); the peak is that of a product of two
+large matrices on as many threads, measured in turn with the rounds because other work only slows both down.
+"""
+
+import argparse
+import json
+import tempfile
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+import torch
+from torch.utils.flop_counter import FlopCounterMode
+
+from assemblyhands_core.models import annotation
+from assemblyhands_core.models.mvexonet import MVExoNet
+from pipeline.dag import build_dag
+from stages import annotate_round
+from stages._contract import Context
+
+NODE, SIDE = "round_2", 2048
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--run", type=Path, default=Path("work/runs/latest"))
+    parser.add_argument("--threads", type=int, default=2)
+    parser.add_argument("--repeats", type=int, default=3)
+    options = parser.parse_args()
+    torch.set_num_threads(options.threads)
+    inputs, config = chunk_of(options.run)
+    clock = NetworkClock()
+    annotation._forward = clock.wrapped(annotation._forward)
+    timed(config, inputs, options.threads)  # compiles the fused loop
+    rounds, peaks = [], []
+    for _ in range(options.repeats):
+        clock.seconds = 0.0
+        rounds.append((timed(config, inputs, options.threads), clock.seconds))
+        peaks.append(peak_flops())
+    whole, network = min(rounds)
+    hands, peak = inputs["joints"].num_rows, max(peaks)
+    flops = clock.flops_per_hand
+    print(
+        f"{hands} hands, {hands / 2 / whole:.2f} instants (both hands) per second, {1e3 * whole / hands:.0f} ms a hand"
+    )
+    print(f"outside the network: {1 - network / whole:.1%}")
+    print(f"{flops / 1e9:.2f} GFLOP a hand, {flops * hands / network / 1e9:.0f} GFLOP/s in the network,")
+    print(f"{flops * hands / network / peak:.0%} of this machine's peak of {peak / 1e9:.0f} GFLOP/s")
+
+
+class NetworkClock:
+    """How long the network runs, and its FLOPs for one hand with all its views."""
+
+    def __init__(self) -> None:
+        self.seconds, self.flops_per_hand = 0.0, 0.0
+
+    def wrapped(self, forward: Any) -> Any:
+        """Return the same forward pass, timed."""
+
+        def timed_forward(network: MVExoNet, arguments: Any) -> Any:
+            if not self.flops_per_hand:
+                with FlopCounterMode(display=False) as counter:
+                    forward(network, [tensor[:1] for tensor in arguments])
+                self.flops_per_hand = float(counter.get_total_flops())
+            begin = time.perf_counter()
+            found = forward(network, arguments)
+            self.seconds += time.perf_counter() - begin
+            return found
+
+        return timed_forward
+
+
+def chunk_of(run: Path) -> tuple[Mapping[str, pa.Table], Any]:
+    """Return what the stage reads for the first chunk of a run, and its configuration."""
+    node = build_dag().nodes[NODE]
+    manifest = json.loads((run / NODE / "manifest.json").read_text())
+    sequence_id, values = next(iter(manifest["configs"].items()))
+    shard = next(name for name in manifest["shards"] if name.startswith(sequence_id))
+    inputs = {}
+    for role, edge in node.inputs.items():
+        folder = run.joinpath(*edge.split("."))
+        file = folder / f"{shard}.parquet"
+        inputs[role] = pq.read_table((file if file.exists() else folder / f"{sequence_id}.parquet").resolve())
+    return inputs, annotate_round.STAGE.config.model_validate(values)
+
+
+def timed(config: Any, inputs: Mapping[str, pa.Table], num_threads: int) -> float:
+    """Return the seconds that the stage takes."""
+    with tempfile.TemporaryDirectory() as folder:
+        begin = time.perf_counter()
+        annotate_round.STAGE.run(config, inputs, Context(Path(folder), "s", num_threads, Path(folder)))
+        return time.perf_counter() - begin
+
+
+def peak_flops() -> float:
+    """Return FLOP/s of a product of two large matrices, the best of five."""
+    matrix, seconds = torch.rand(SIDE, SIDE), []
+    for _ in range(5):
+        begin = time.perf_counter()
+        matrix @ matrix
+        seconds.append(time.perf_counter() - begin)
+    return 2.0 * SIDE**3 / min(seconds)
+
+
+if __name__ == "__main__":
+    main()
