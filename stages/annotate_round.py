@@ -32,6 +32,7 @@ from assemblyhands_core.hands.divergence import Course, Divergence, Limits, Step
 from assemblyhands_core.hands.joints import HANDS, NUM_JOINTS, WRIST
 from stages._contract import Context, Stage, StageConfig, Tables
 
+SHIPPED_WEIGHTS: Final = "weights/mvexonet.safetensors"
 _REPOSITORY: Final = Path(__file__).resolve().parents[1]
 
 Floats = npt.NDArray[np.floating[Any]]
