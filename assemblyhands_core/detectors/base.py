@@ -4,6 +4,7 @@ Detectors are stateless: the result for an image depends on that image and the o
 of the frames nor the number of workers can change it. Missing keypoints are NaN with confidence 0.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final, Protocol, runtime_checkable
 
@@ -104,6 +105,33 @@ class HandDetector(Protocol):
             The joints in pixels of ``image_rgb``; where ``needs_image`` is False in raw pixels of the camera's image.
         """
         ...
+
+
+@dataclass(frozen=True, eq=False)
+class HandCrop:
+    """What a hand detector is asked about, see `HandDetector.detect`."""
+
+    image_rgb: ImageRGB | None
+    hand: Hand
+    camera_id: str
+    frame: int
+    expected_px: Float64[np.ndarray, "2"] | None = None
+
+
+@runtime_checkable
+class BatchedHandDetector(HandDetector, Protocol):
+    """A hand detector that is faster on many crops at once than on one after the other."""
+
+    def detect_many(self, crops: Sequence[HandCrop]) -> list[HandDetection | None]:
+        """Return for each crop what `detect` would."""
+        ...
+
+
+def detect_hands_in(detector: HandDetector, crops: Sequence[HandCrop]) -> list[HandDetection | None]:
+    """Return the hand of each crop, None where it is not found; all at once where the detector can do that."""
+    if isinstance(detector, BatchedHandDetector):
+        return detector.detect_many(crops)
+    return [detector.detect(c.image_rgb, c.hand, c.camera_id, c.frame, expected_px=c.expected_px) for c in crops]
 
 
 def from_wrist_first(values: Real[np.ndarray, "joint=21 *rest"]) -> Float64[np.ndarray, "joint=21 *rest"]:

@@ -4,7 +4,7 @@ Both work with one network of `models.hand_keypoints`. The hand network is asked
 the box around what it found, which is as tight as in training.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -14,7 +14,14 @@ from jaxtyping import Float64, UInt8
 
 from assemblyhands_core.data.digests import digest_file
 from assemblyhands_core.data.hand_crops import window_map
-from assemblyhands_core.detectors.base import BodyDetections, DetectorError, HandDetection, ImageRGB, masked
+from assemblyhands_core.detectors.base import (
+    BodyDetections,
+    DetectorError,
+    HandCrop,
+    HandDetection,
+    ImageRGB,
+    masked,
+)
 from assemblyhands_core.geometry.crops import square_box
 from assemblyhands_core.hands.joints import Hand
 
@@ -26,6 +33,10 @@ _FIRST_GAMMA: Final = 1.25  # of a stored crop, this share less is looked at fir
 _SECOND_GAMMA: Final = 1.6
 _SURE: Final = 0.3  # joints that are surer decide on the second box
 _MIN_SURE: Final = 5
+_BATCH: Final = 16  # crops at a time
+
+AnyImage = UInt8[np.ndarray, "_ _ 3"]  # among others of other sizes
+Box = tuple[Float64[np.ndarray, "2"], float]  # centre and side
 
 
 class LearnedBody:
@@ -54,7 +65,7 @@ class LearnedBody:
         scale = width / image_rgb.shape[1]
         size = (width, round(image_rgb.shape[0] * scale))
         small = cv2.resize(image_rgb, size, interpolation=cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR)
-        pixels, confidence = _estimate(self._network, np.asarray(small, dtype=np.uint8), "right")
+        ((pixels,), (confidence,)) = _estimate(self._network, np.asarray(small, dtype=np.uint8)[None], ["right"])
         found = np.where(confidence >= self._min_confidence, confidence, 0.0)
         if not found.any():
             return BodyDetections.none()
@@ -89,26 +100,44 @@ class LearnedHands:
         expected_px: Float64[np.ndarray, "2"] | None = None,
     ) -> HandDetection | None:
         """Return the joints of the hand in a crop, None if not one is sure enough."""
-        if image_rgb is None:
-            raise DetectorError("Detector 'learned' looks at crops: give one.")
-        height, width = image_rgb.shape[:2]
-        center, side = np.array([(width - 1) / 2, (height - 1) / 2]), max(width, height) / _FIRST_GAMMA
-        pixels, confidence = self._in_box(image_rgb, hand, center, side)
-        sure = confidence >= _SURE
-        if sure.sum() >= _MIN_SURE:
-            center, side = square_box(pixels[sure], _SECOND_GAMMA)
-            pixels, confidence = self._in_box(image_rgb, hand, center, side)
-        found = np.where(confidence >= self._min_confidence, confidence, 0.0)
-        return HandDetection(*masked(pixels, found)) if found.any() else None
+        return self.detect_many([HandCrop(image_rgb, hand, camera_id, frame, expected_px)])[0]
 
-    def _in_box(
-        self, image: ImageRGB, hand: Hand, center_px: Float64[np.ndarray, "2"], side_px: float
-    ) -> tuple[Float64[np.ndarray, "joint 2"], Float64[np.ndarray, " joint"]]:
+    def detect_many(self, crops: Sequence[HandCrop]) -> list[HandDetection | None]:
+        """Return the joints of the hand in each crop, None where not one is sure enough."""
+        images = [crop.image_rgb for crop in crops if crop.image_rgb is not None]
+        if len(images) < len(crops):
+            raise DetectorError("Detector 'learned' looks at crops: give one.")
+        hands, found = [crop.hand for crop in crops], []
+        for first in range(0, len(crops), _BATCH):
+            part = slice(first, first + _BATCH)
+            found += self._in_crops(images[part], hands[part])
+        return found
+
+    def _in_crops(self, images: Sequence[AnyImage], hands: Sequence[Hand]) -> list[HandDetection | None]:
+        boxes = [_middle_box(image) for image in images]
+        pixels, confidence = self._in_boxes(images, hands, boxes)
+        again = np.flatnonzero((confidence >= _SURE).sum(axis=1) >= _MIN_SURE).tolist()
+        if again:
+            tight = [square_box(pixels[i][confidence[i] >= _SURE], _SECOND_GAMMA) for i in again]
+            closer = self._in_boxes([images[i] for i in again], [hands[i] for i in again], tight)
+            pixels[again], confidence[again] = closer
+        confidence[confidence < self._min_confidence] = 0.0
+        return [
+            HandDetection(*masked(*pair)) if pair[1].any() else None for pair in zip(pixels, confidence, strict=True)
+        ]
+
+    def _in_boxes(
+        self, images: Sequence[AnyImage], hands: Sequence[Hand], boxes: Sequence[Box]
+    ) -> tuple[Float64[np.ndarray, "crop joint 2"], Float64[np.ndarray, "crop joint"]]:
+        """Return joints in the crops' pixels, seen through a box in each."""
         size = self._network.config.image_size_px
-        A = window_map(center_px, side_px, size)
-        crop = cv2.warpAffine(image, A[:2], (size, size), flags=cv2.INTER_LINEAR)
-        pixels, confidence = _estimate(self._network, np.asarray(crop, dtype=np.uint8), hand)
-        return (pixels - A[:2, 2]) / A[0, 0], confidence
+        maps = np.stack([window_map(center, side, size) for center, side in boxes])
+        windows = [
+            cv2.warpAffine(image, A[:2], (size, size), flags=cv2.INTER_LINEAR)
+            for image, A in zip(images, maps, strict=True)
+        ]
+        pixels, confidence = _estimate(self._network, np.asarray(np.stack(windows), dtype=np.uint8), hands)
+        return (pixels - maps[:, None, :2, 2]) / maps[:, None, :1, 0], confidence
 
 
 def fingerprint(options: Mapping[str, Any]) -> dict[str, str]:
@@ -131,13 +160,19 @@ def _load(path: Path) -> "HandKeypointNet":
     return load_hand_keypoints(path)
 
 
+def _middle_box(image: ImageRGB) -> Box:
+    """Return centre and side of the box of a crop that is looked at first."""
+    height, width = image.shape[:2]
+    return np.array([(width - 1) / 2, (height - 1) / 2]), max(width, height) / _FIRST_GAMMA
+
+
 def _estimate(
-    network: "HandKeypointNet", image: UInt8[np.ndarray, "height width 3"], hand: Hand
-) -> tuple[Float64[np.ndarray, "keypoint 2"], Float64[np.ndarray, " keypoint"]]:
-    """Return keypoints of a picture, and how sure each is."""
+    network: "HandKeypointNet", images: UInt8[np.ndarray, "image height width 3"], hands: Sequence[Hand]
+) -> tuple[Float64[np.ndarray, "image keypoint 2"], Float64[np.ndarray, "image keypoint"]]:
+    """Return keypoints of pictures, and how sure each is."""
     import torch
 
     with torch.inference_mode():
-        pixels = torch.from_numpy(np.ascontiguousarray(image)).movedim(-1, 0)[None].float() / 255.0
-        found = network(pixels, torch.tensor([hand == "left"]))
-    return found.pixels[0].double().numpy(), found.confidence[0].double().numpy()
+        pixels = torch.from_numpy(np.ascontiguousarray(images)).movedim(-1, 1).float() / 255.0
+        found = network(pixels, torch.tensor([hand == "left" for hand in hands]))
+    return found.pixels.double().numpy(), found.confidence.double().numpy()

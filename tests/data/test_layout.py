@@ -78,7 +78,13 @@ def test_manifests_keep_to_the_layout_and_to_one_split_a_person(tmp_path: Path, 
 
 def test_manifests_have_the_stated_sizes_and_no_name_twice() -> None:
     sets = {name: _manifest(name) for name in ("tiny", "small", "test", "desktop", "full")}
-    assert {name: len(rows) for name, rows in sets.items()} == {"tiny": 2, "small": 12, "test": 5, "desktop": 3, "full": 86}
+    assert {name: len(rows) for name, rows in sets.items()} == {
+        "tiny": 2,
+        "small": 12,
+        "test": 5,
+        "desktop": 3,
+        "full": 86,
+    }
     names = [row["sequence_id"] for rows in sets.values() for row in rows]
     assert len(set(names)) == len(names)
     # The paper: 62 manually annotated recordings (54 and 8) of 14 people, 20 others (14, 2, 4) of 20 people.

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from assemblyhands_core.detectors.base import DetectorError
+from assemblyhands_core.detectors.base import DetectorError, HandCrop
 from assemblyhands_core.detectors.learned import LearnedBody, LearnedHands, fingerprint
 from assemblyhands_core.models.hand_keypoints import HandKeypointConfig, HandKeypointNet
 from assemblyhands_core.models.pretrained import save_weights
@@ -77,3 +77,15 @@ def test_weights_count_and_have_to_be_there(tmp_path: Path) -> None:
     assert set(fingerprint({"weights": str(file)})) == {"net.safetensors"}
     with pytest.raises(DetectorError, match=r"nowhere\.safetensors, which does not exist: `make train`"):
         LearnedHands(tmp_path / "nowhere.safetensors")
+
+
+def test_many_crops_at_once_give_what_each_gives_alone(tmp_path: Path) -> None:
+    torch.manual_seed(0)
+    detector = LearnedHands(weights(tmp_path, 21, 64), min_confidence=0.0)
+    crops = [HandCrop(spot(96 + 8 * i, 96, 30 + i, 50, 9), "left" if i % 3 else "right", "c", i) for i in range(19)]
+    alone = [detector.detect(crop.image_rgb, crop.hand, crop.camera_id, crop.frame) for crop in crops]
+    for one, other in zip(detector.detect_many(crops), alone, strict=True):
+        assert one is not None and other is not None
+        np.testing.assert_allclose(one.keypoints_px, other.keypoints_px, atol=1e-2)
+        np.testing.assert_allclose(one.confidence, other.confidence, atol=1e-4)
+    assert detector.detect_many([]) == []

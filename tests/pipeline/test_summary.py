@@ -27,7 +27,9 @@ def test_each_round_says_what_became_of_its_hands_and_what_the_weights_have_seen
         write_rounds(tmp_path, "s", chunk, [[0.0, 1.0, 2.0]] * 2)
     _manifest(tmp_path)
     first, second, note = _said(tmp_path, capsys)
-    assert first.startswith("s, round_1: 4 hands, estimated 100.0 %; moved by 1.0 mm") and second.startswith("s, round_2: ")
+    assert first.startswith("s, round_1: 4 hands, estimated 100.0 %; moved by 1.0 mm") and second.startswith(
+        "s, round_2: "
+    )
     assert "have seen synthetic hands alone" in note
     _manifest(tmp_path, "mine.safetensors")
     assert len(_said(tmp_path, capsys)) == 2
