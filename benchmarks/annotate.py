@@ -2,8 +2,8 @@
 
     python benchmarks/annotate.py [--run work/runs/latest] [--threads 2] [--repeats 3]
 
-Takes a finished run (`make annotate`) and does round 2 of its first chunk anew. *Outside the network* is the time by
-the clock in which the network does not run: tables, decoding and cutting of crops, the guard, tables again. FLOPs are
+Takes a finished run (`make annotate`) and does round 2 of its first chunk anew. *Outside the network* is the share of
+the threads' time in which the network does not run: tables, decoding and cutting of crops, the guard. FLOPs are
 those of convolutions and products (two for each multiplication and addition); the peak is that of a product of two
 large matrices on as many threads, measured in turn with the rounds because other work only slows both down.
 """
@@ -11,6 +11,7 @@ large matrices on as many threads, measured in turn with the rounds because othe
 import argparse
 import json
 import tempfile
+import threading
 import time
 from collections.abc import Mapping
 from pathlib import Path
@@ -36,7 +37,6 @@ def main() -> None:
     parser.add_argument("--threads", type=int, default=2)
     parser.add_argument("--repeats", type=int, default=3)
     options = parser.parse_args()
-    torch.set_num_threads(options.threads)
     inputs, config = chunk_of(options.run)
     clock = NetworkClock()
     annotation._forward = clock.wrapped(annotation._forward)
@@ -44,8 +44,8 @@ def main() -> None:
     rounds, peaks = [], []
     for _ in range(options.repeats):
         clock.seconds = 0.0
-        rounds.append((timed(config, inputs, options.threads), clock.seconds))
-        peaks.append(peak_flops())
+        rounds.append((timed(config, inputs, options.threads), clock.seconds / options.threads))
+        peaks.append(peak_flops(options.threads))
     whole, network = min(rounds)
     hands, peak = inputs["joints"].num_rows, max(peaks)
     flops = clock.flops_per_hand
@@ -61,19 +61,21 @@ class NetworkClock:
     """How long the network runs, and its FLOPs for one hand with all its views."""
 
     def __init__(self) -> None:
-        self.seconds, self.flops_per_hand = 0.0, 0.0
+        self.seconds, self.flops_per_hand, self.lock = 0.0, 0.0, threading.Lock()
 
     def wrapped(self, forward: Any) -> Any:
         """Return the same forward pass, timed."""
 
         def timed_forward(network: MVExoNet, arguments: Any) -> Any:
-            if not self.flops_per_hand:
-                with FlopCounterMode(display=False) as counter:
-                    forward(network, [tensor[:1] for tensor in arguments])
-                self.flops_per_hand = float(counter.get_total_flops())
+            with self.lock:
+                if not self.flops_per_hand:
+                    with FlopCounterMode(display=False) as counter:
+                        forward(network, [tensor[:1] for tensor in arguments])
+                    self.flops_per_hand = float(counter.get_total_flops())
             begin = time.perf_counter()
             found = forward(network, arguments)
-            self.seconds += time.perf_counter() - begin
+            with self.lock:
+                self.seconds += time.perf_counter() - begin
             return found
 
         return timed_forward
@@ -101,8 +103,9 @@ def timed(config: Any, inputs: Mapping[str, pa.Table], num_threads: int) -> floa
         return time.perf_counter() - begin
 
 
-def peak_flops() -> float:
+def peak_flops(num_threads: int) -> float:
     """Return FLOP/s of a product of two large matrices, the best of five."""
+    torch.set_num_threads(num_threads)
     matrix, seconds = torch.rand(SIDE, SIDE), []
     for _ in range(5):
         begin = time.perf_counter()

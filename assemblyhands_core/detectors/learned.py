@@ -155,8 +155,11 @@ def _existing(weights: str | Path | None, name: str) -> Path:
 
 
 def _load(path: Path) -> "HandKeypointNet":
+    import torch
+
     from assemblyhands_core.models.pretrained import load_hand_keypoints
 
+    torch.set_num_threads(1)  # the same bits on every machine, however many cores a worker has
     return load_hand_keypoints(path)
 
 

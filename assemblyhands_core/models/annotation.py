@@ -1,10 +1,11 @@
 """Hands to joints with a frozen MVExoNet, batch by batch."""
 
-from collections import deque
-from collections.abc import Iterator, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
-from typing import Final
+from threading import Lock
+from typing import Any, Final
 
 import numpy as np
 import torch
@@ -34,7 +35,8 @@ class Estimates:
 def estimate_hands(network: MVExoNet, hands: Sequence[HandWindows], batch_size: int, num_threads: int) -> Estimates:
     """Run the network on hands of any side and instant, on a GPU if there is one.
 
-    Which hands share a batch does not matter beyond the last bits of a float.
+    On a CPU batches run side by side, each on one thread: the numbers are the same to the last bit, however many
+    threads there are. Which hands share a batch does not matter beyond the last bits.
 
     Args:
         network: For evaluation, as `pretrained.load_mvexonet` gives it.
@@ -42,30 +44,24 @@ def estimate_hands(network: MVExoNet, hands: Sequence[HandWindows], batch_size: 
         batch_size: Hands at a time.
         num_threads: Of the CPU.
     """
-    torch.set_num_threads(num_threads)
-    device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
+    torch.set_num_threads(1)
+    is_gpu = torch.cuda.is_available()
+    device = torch.device("cuda" if is_gpu else "cpu")
     network = network.to(device)
-    size_px = network.config.image_size_px
+    gate: AbstractContextManager[Any] = Lock() if is_gpu else nullcontext()  # one batch at a time in the GPU's memory
+
     joints = np.empty((len(hands), NUM_JOINTS, 3), dtype=np.float32)
     confidence = np.empty((len(hands), NUM_JOINTS), dtype=np.float32)
-    parts = [slice(first, first + batch_size) for first in range(0, len(hands), batch_size)]
-    batches = _made_ahead([hands[part] for part in parts], size_px, num_threads)
-    for part, batch in zip(parts, batches, strict=True):
-        found = _forward(network, [tensor.to(device) for tensor in batch])
-        joints[part], confidence[part] = found.joints_world_mm.cpu().numpy(), found.confidence.cpu().numpy()
-    return Estimates(joints, confidence)
 
+    def estimate(part: slice) -> None:
+        arguments = _tensors(hands[part], network.config.image_size_px)
+        with gate:
+            found = _forward(network, [tensor.to(device) for tensor in arguments])
+            joints[part], confidence[part] = found.joints_world_mm.cpu().numpy(), found.confidence.cpu().numpy()
 
-def _made_ahead(parts: Sequence[Sequence[HandWindows]], size_px: int, num_threads: int) -> Iterator[list[Tensor]]:
-    """Yield a batch for each part, in order; a few are made while the network is busy with those before."""
-    pending: deque[Future[list[Tensor]]] = deque()
     with ThreadPoolExecutor(num_threads) as threads:
-        for part in parts:
-            pending.append(threads.submit(_tensors, part, size_px))
-            if len(pending) > num_threads:
-                yield pending.popleft().result()
-        while pending:
-            yield pending.popleft().result()
+        list(threads.map(estimate, [slice(first, first + batch_size) for first in range(0, len(hands), batch_size)]))
+    return Estimates(joints, confidence)
 
 
 def _tensors(hands: Sequence[HandWindows], size_px: int) -> list[Tensor]:
