@@ -27,7 +27,15 @@ from assemblyhands_core.data.round_outcomes import (
     displacement_mm,
     mean_of_known,
 )
-from assemblyhands_core.data.rounds import HandWindows, KnownHand, WindowRule, hand_windows, joints_or_nan, known_hands
+from assemblyhands_core.data.rounds import (
+    TRUE_ROUND,
+    HandWindows,
+    KnownHand,
+    WindowRule,
+    hand_windows,
+    joints_or_nan,
+    known_hands,
+)
 from assemblyhands_core.hands.divergence import Course, Divergence, Limits, Step, divergence, unsteadiness
 from assemblyhands_core.hands.joints import HANDS, NUM_JOINTS, WRIST
 from stages._contract import Context, Stage, StageConfig, Tables
@@ -96,10 +104,11 @@ def run(config: AnnotateRoundConfig, inputs: Tables, context: Context) -> Tables
         distances_px(points, list(cameras.values()), seen_px) for points in (joints, joints_or_nan(previous))
     )
     by_key = {hand.key: hand for hand in known}
-    for index in np.flatnonzero(reason == "").tolist():
+    is_judged = to_numpy(previous["round"]) != TRUE_ROUND  # beside the truth every estimate looks bad
+    for index in np.flatnonzero(is_judged & (reason == "")).tolist():
         doubt = _doubt(known[index], by_key, joints[index], now_px[index], before_px[index], config.guard.limits())
         reason[index], note[index] = doubt or ("", "")
-    for rows in _courses(known, reason == ""):
+    for rows in _courses(known, is_judged & (reason == "")):
         doubt = _doubt_of_all(joints[rows], joints_or_nan(previous)[rows], now_px[rows], before_px[rows], config)
         reason[rows], note[rows] = doubt or ("", "")
     outcome = RoundOutcome(
@@ -232,7 +241,7 @@ def _externals(config: AnnotateRoundConfig, sequence_id: str) -> Mapping[str, st
 
 STAGE = Stage(
     name="annotate_round",
-    version=1,
+    version=2,
     config=AnnotateRoundConfig,
     inputs={
         "views": VIEWS,

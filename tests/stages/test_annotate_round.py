@@ -366,6 +366,14 @@ def test_a_hand_whose_bones_vary_and_that_fits_its_keypoints_worse_keeps_the_rou
     assert {row["reason"] for row in run(KnownAnswer(answer))["rounds"]} == {""}, "two instants say nothing by default"
 
 
+def test_from_the_truth_an_estimate_counts_however_far_off_it_is(run: Any) -> None:
+    true = _joints(number=100)
+    tables = run(
+        KnownAnswer(_moved(0.0, 101.0, 0.0)), {"joints": true}, guard=GUARD.model_copy(update={"min_instants": 2})
+    )
+    assert {(row["round"], row["source"]) for row in tables["joints"]} == {(101, "mvexonet")}
+
+
 def test_a_hand_does_not_become_the_other_one(run: Any) -> None:
     """Hands 60 mm apart: a jump by half of it and more ends nearer to the other one."""
     near = {key: TRUE_MM[key] - TRUE_MM[key][ROOT] + (60.0 * (key[1] == "left"), 0.0, -100.0) for key in KEYS}
