@@ -73,6 +73,7 @@ class TinyRecording:
             f"rig.calibration={self.calibration}",
             f"rig.videos={self.folder}/videos/*.mp4",
             "seq=tiny",
+            "rounds=0",  # it shows no hands
             *detector_overrides(self.folder),
             f"ingest.chunk_frames={CHUNK_FRAMES}",
         ]

@@ -16,9 +16,13 @@ class Studio:
     other: TinyRecording
     broken: TinyRecording
 
-    def overrides(self, manifest: str) -> list[str]:
-        """Return what the command line takes to annotate a manifest's sequences from their 2D keypoints."""
+    def overrides(self, manifest: str, rounds: str = "0") -> list[str]:
+        """Return what the command line takes to annotate a manifest's sequences from their 2D keypoints.
+
+        The drawn recordings show no hands, so that rounds would find none.
+        """
         return [
+            f"rounds={rounds}",
             f"manifest={self.folder / manifest}",
             "seq=all",
             *detector_overrides(self.folder / "{sequence_id}"),

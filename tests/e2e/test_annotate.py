@@ -16,7 +16,7 @@ from assemblyhands_core.geometry.cameras import Camera
 from pipeline.dag import build_dag
 
 NUM_CHUNKS = NUM_FRAMES // CHUNK_FRAMES
-NODES = [node.name for node in build_dag().upto(("quality", "overlay"))]
+NODES = [node.name for node in build_dag(0).upto(("quality", "overlay"))]
 ONE_SEQUENCE = {
     "ingest": 1, "undistort": 1, "detect_hands": NUM_CHUNKS, "crop_hands": NUM_CHUNKS, "detect_keypoints": NUM_CHUNKS,
     "triangulate": NUM_CHUNKS, "measure_quality": 1, "draw_overlays": 1,
@@ -190,7 +190,7 @@ def test_the_view_is_whole_and_readable(first: Step) -> None:
             assert all(path.is_symlink() and not path.readlink().is_absolute() for path in files.values())
             assert all(path.resolve(strict=True).parents[2] == first.workspace / "store" for path in files.values())
     record = run_record(first.workspace, first.run)
-    assert record["command"].startswith("python -m pipeline annotate executor=serial manifest=")
+    assert record["command"].startswith("python -m pipeline annotate executor=serial rounds=0 manifest=")
     assert record["failures"] == [] and record["config"]["target"] == "annotate"
 
 
@@ -227,3 +227,10 @@ def test_gc_removes_what_no_kept_run_refers_to(studio: Any, extended: Step) -> N
     }  # fmt: skip
     again = step(workspace, "executor=serial", *command)
     assert again.outcome.code == 1 and again.made == {}
+
+
+def test_a_sweep_over_rounds_makes_each_round_once(studio: Any, extended: Step) -> None:
+    swept = step(extended.workspace, "annotate", "executor=serial", *studio.overrides("one.csv", "1,2"), "-m")
+    swept.outcome.assert_done()
+    assert swept.made == {"annotate_round": 2 * NUM_CHUNKS, "measure_quality": 2, "draw_overlays": 2}
+    assert "tiny, round_2: " in swept.outcome.said
