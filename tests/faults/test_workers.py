@@ -2,9 +2,9 @@
 
 import json
 import os
+import signal
 import subprocess
 import sys
-import signal
 import time
 from pathlib import Path
 from typing import Any
