@@ -23,6 +23,7 @@ _USAGE = """usage: python -m pipeline [COMMAND] [parameter=value ...]
 commands
   annotate   video in, 3D hand joints out (the default): what is there already is reused
   smooth     the same, and the joints cleaned up over time beside them
+  evaluate   annotate, hold every round against the truth where it is known, and write a report
   simulate   record synthetic sequences in the simulated studio
   train      draw crops and train our networks on them: manifest=data_manifests/training_crops.csv
   doctor     look a recording over before hours are spent on it

@@ -99,7 +99,8 @@ def check_config(composed: DictConfig) -> RunConfig:
     config: RunConfig = _validate(RunConfig, values, "")
     dag = build_dag(config.rounds)
     config._dag, config._stages = dag, stages
-    if (known := [*dag.targets, *dag.nodes]) and config.target not in known:
+    known = [*dag.targets, *dag.nodes]
+    if config.target not in known:
         raise UserError(f"target={config.target} is unknown; choose among {', '.join(known)}")
     return config
 

@@ -18,6 +18,8 @@ from assemblyhands_core.geometry.crops import square_box
 from assemblyhands_core.hands.joints import HANDS, NUM_JOINTS, ROOT
 
 BoxSource = Literal["joints", "detected"]
+TRUE_ROUND: Final = 100
+"""The round of joints that are the truth: those made from them are an upper bound, and no annotation."""
 _KEY: Final = ("sequence_id", "frame", "hand")
 _ALMOST_ALL: Final = 1 - 1e-6
 
@@ -110,10 +112,6 @@ class HandWindows:
             cut(view, window_map(box.center_px, box.side_px, size_px), size_px)
             for view, box in zip(self.views, self.boxes, strict=True)
         ]
-
-
-TRUE_ROUND: Final = 100
-"""The round of joints that are the truth: those made from them are an upper bound, and no annotation."""
 
 
 def known_hands(joints: pa.Table, hand_boxes: pa.Table) -> list[KnownHand]:
