@@ -14,8 +14,9 @@ import numpy as np
 import numpy.typing as npt
 
 from assemblyhands_core.geometry.cameras import Camera
-from assemblyhands_core.geometry.crops import RemapGrid, crop_camera, rectified, remap, source_pixels
+from assemblyhands_core.geometry.crops import crop_camera, rectified, source_pixels
 from assemblyhands_core.geometry.distortion import OpenCVLens
+from assemblyhands_core.geometry.regions import RemapGrid, remap
 
 LENS = OpenCVLens(k1=-0.13, k2=0.12, k3=-0.02, p1=-6e-4, p2=7e-4)
 SOURCE = Camera("c", 1920, 1080, 1192.0, 1193.0, 957.0, 530.0, LENS, np.eye(4))

@@ -6,13 +6,10 @@ remapped. A region is stored with at most ``size_px`` pixels a side and never wi
 adds bytes, no information, and a network resizes its input anyway.
 """
 
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import cv2
-import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 from pydantic import Field
@@ -22,10 +19,8 @@ from assemblyhands_core.data.catalog import CHUNKS, CROPS, HAND_BOXES, RECTIFIED
 from assemblyhands_core.data.crop_images import ImageRGB, encode_jpeg
 from assemblyhands_core.data.video import VideoReader
 from assemblyhands_core.geometry.cameras import Camera
-from assemblyhands_core.geometry.crops import RemapGrid, crop_camera, remap
+from assemblyhands_core.geometry.regions import RemapGrid, cut_region
 from stages._contract import Context, Stage, StageConfig, Tables
-
-_MAX_SUPERSAMPLING = 4  # bounds the memory of a region that fills the picture
 
 Row = dict[str, Any]
 
@@ -44,7 +39,6 @@ class _View:
 
     video_file: str
     num_frames: int
-    size_px: tuple[int, int]
     rectified: Camera
     grid: RemapGrid
 
@@ -94,9 +88,8 @@ def _crop_view(config: CropHandsConfig, view: Row, rectified: Row, boxes: Sequen
 
 
 def _view(view: Row, rectified: Row) -> _View:
-    size_px = (view["width_px"], view["height_px"])
     grid = RemapGrid.from_bytes(rectified["grid"])
-    return _View(view["video_file"], view["num_frames"], size_px, camera_from_row(rectified), grid)
+    return _View(view["video_file"], view["num_frames"], camera_from_row(rectified), grid)
 
 
 def _pictures(view: _View, frames: Sequence[int], num_threads: int) -> Iterator[tuple[int, ImageRGB]]:
@@ -107,29 +100,13 @@ def _pictures(view: _View, frames: Sequence[int], num_threads: int) -> Iterator[
 
 
 def _cut(config: CropHandsConfig, view: _View, picture: ImageRGB, box: Row) -> Row:
-    """Return the camera and the picture of the region around a box.
-
-    A region that shrinks is sampled at a multiple of its size and averaged, which keeps its camera and avoids aliasing.
-    """
-    side_px = config.margin * box["side_px"]
-    size_px = min(config.size_px, math.ceil(side_px))
-    factor = min(math.ceil(side_px / size_px), _MAX_SUPERSAMPLING)
-    fine = crop_camera(view.rectified, box["center_rectified_px"], side_px, size_px * factor)
-    maps = view.grid.window(fine)
-    if not _touches(view.size_px, *maps):
+    """Return the camera and the picture of the region around a box."""
+    center_px, side_px = box["center_rectified_px"], config.margin * box["side_px"]
+    region = cut_region(picture, view.rectified, view.grid, center_px, side_px, config.size_px)
+    if region is None:
         return _hole("outside_view")
-    region = remap(picture, *maps)
-    if factor > 1:
-        region = cv2.resize(region, (size_px, size_px), interpolation=cv2.INTER_AREA)
-    camera = crop_camera(view.rectified, box["center_rectified_px"], side_px, size_px)
-    image = encode_jpeg(region, config.jpeg_quality)
-    return {**camera_to_row(camera), "image": image, "valid": True, "reason": ""}
-
-
-def _touches(size_px: tuple[int, int], map_x: Any, map_y: Any) -> bool:
-    """Whether any source pixel of a map lies on an image of that width and height."""
-    inside = (map_x > -0.5) & (map_x < size_px[0] - 0.5) & (map_y > -0.5) & (map_y < size_px[1] - 0.5)
-    return bool(np.any(inside))
+    image = encode_jpeg(region.image, config.jpeg_quality)
+    return {**camera_to_row(region.camera), "image": image, "valid": True, "reason": ""}
 
 
 def _hole(reason: str) -> Row:

@@ -17,15 +17,9 @@ from assemblyhands_core.data.catalog import RECTIFIED_VIEWS, VIEWS
 from assemblyhands_core.data.digests import digest_file
 from assemblyhands_core.data.video import VideoReader, VideoWriter
 from assemblyhands_core.geometry.cameras import Camera
-from assemblyhands_core.geometry.crops import (
-    RemapGrid,
-    kept_field_fraction,
-    rectified,
-    remap,
-    valid_mask,
-    valid_region,
-)
+from assemblyhands_core.geometry.crops import kept_field_fraction, rectified, valid_mask, valid_region
 from assemblyhands_core.geometry.distortion import OVFishEye62
+from assemblyhands_core.geometry.regions import RemapGrid, remap
 from stages._contract import Context, Stage, StageConfig, Tables
 
 _PROBE_DEPTH_MM = 1000.0  # any will do: a lens maps rays

@@ -191,6 +191,61 @@ HAND_LABELS: Final = TableSpec(
         ]
     ),
 )
+EGO_FRAMES: Final = TableSpec(
+    "ego_frames",
+    1,
+    ("sequence_id", "frame", "camera_id"),
+    pa.schema(
+        [
+            *_INSTANT,
+            ("camera_id", _TEXT),
+            ("T_camera_from_world", _each(pa.float64(), 16)),  # 4x4 by rows, mm: the headset moves
+            ("image_file", _TEXT),  # a picture of its own; empty where the camera's video has it
+            *_OUTCOME,
+        ]
+    ),
+)
+EGO_CROPS: Final = TableSpec(
+    "ego_crops",
+    1,
+    ("sequence_id", "frame", "hand", "camera_id"),
+    pa.schema(
+        [
+            *_HAND_VIEW,
+            *_CAMERA,  # of the crop, a pinhole
+            ("image", pa.binary()),
+            ("joints_camera_mm", _each(pa.float32(), 6 * NUM_JOINTS)),  # right hand first; NaN where not labelled
+            ("joints_wrist_relative_mm", _each(pa.float32(), 6 * NUM_JOINTS)),  # the same, each hand from its wrist
+            ("joints_px", _each(pa.float32(), 4 * NUM_JOINTS)),  # in the crop
+            ("is_labelled", _each(_FLAG, 2 * NUM_JOINTS)),  # known, and in the crop
+            ("identity", _TEXT),  # whose joints the crop shows: left, right, both
+            ("num_in_image", pa.int8()),  # joints of this hand
+            ("border_px", pa.float32()),  # from this hand's joints to the border of the picture; below 0 they leave it
+            ("source", _TEXT),  # who annotated
+            *_OUTCOME,
+        ]
+    ),
+)
+EGO_HANDS: Final = TableSpec(
+    "ego_hands",
+    1,
+    ("sequence_id", "frame", "hand", "camera_id"),
+    pa.schema(
+        [
+            *_HAND_VIEW,
+            ("joints_px", _each(pa.float32(), 2 * NUM_JOINTS)),  # in the crop
+            ("depth_mm", _each(pa.float32(), NUM_JOINTS)),  # beyond the wrist, along the optical axis
+            ("confidence", _each(pa.float32(), NUM_JOINTS)),
+            ("joints_camera_mm", _each(pa.float32(), 3 * NUM_JOINTS)),
+            ("joints_world_mm", _each(pa.float32(), 3 * NUM_JOINTS)),
+            ("wrist_depth_mm", pa.float32()),  # that the joints were lifted with
+            ("wrist_depth_source", _TEXT),  # label, hand_size
+            ("identity", _TEXT),  # the likeliest of left, right, both
+            ("identity_probability", _each(pa.float32(), 3)),  # right, left, both
+            *_OUTCOME,
+        ]
+    ),
+)
 ROUNDS: Final = TableSpec(
     "rounds",
     1,

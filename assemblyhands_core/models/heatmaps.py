@@ -30,6 +30,12 @@ def soft_argmax(
     return _mean_cell(_probabilities(heatmaps, temperature))
 
 
+def argmax(heatmaps: Float[Tensor, "batch joint *cell"]) -> Float[Tensor, "batch joint dim"]:
+    """Return the cell of the highest value, the first one of several; no gradient flows."""
+    places = torch.unravel_index(heatmaps.flatten(2).argmax(dim=-1), heatmaps.shape[2:])
+    return torch.stack(places, dim=-1).to(torch.float32)
+
+
 def read_joints(heatmaps: Float[Tensor, "batch joint *cell"], radius_cells: float, temperature: float = 1.0) -> Joints:
     """Return soft-argmax and confidence: the probability of the cells within a radius of that position.
 
@@ -44,7 +50,7 @@ def cells_to_world_mm(
     cells: Float[Tensor, "batch joint 3"], root_world_mm: Float[Tensor, "batch 3"], side_mm: float, num_voxels: int
 ) -> Float[Tensor, "batch joint 3"]:
     """Return where voxel positions of `geometry.volumes.cube_points_world_mm` lie in the world."""
-    return root_world_mm[:, None] + (cells + 0.5) * (side_mm / num_voxels) - side_mm / 2
+    return root_world_mm[:, None] + cells_to_offset_mm(cells, side_mm, num_voxels)
 
 
 def world_mm_to_cells(
@@ -54,7 +60,17 @@ def world_mm_to_cells(
     num_voxels: int,
 ) -> Float[Tensor, "batch joint 3"]:
     """Return the voxel positions of points in the world: the inverse of `cells_to_world_mm`."""
-    return (points_world_mm - root_world_mm[:, None] + side_mm / 2) * (num_voxels / side_mm) - 0.5
+    return offset_mm_to_cells(points_world_mm - root_world_mm[:, None], side_mm, num_voxels)
+
+
+def cells_to_offset_mm(cells: Float[Tensor, "*axis"], side_mm: float, num_cells: int) -> Float[Tensor, "*axis"]:
+    """Return how far from the middle of a range of so many cells positions lie, along any axis."""
+    return (cells + 0.5) * (side_mm / num_cells) - side_mm / 2
+
+
+def offset_mm_to_cells(offset_mm: Float[Tensor, "*axis"], side_mm: float, num_cells: int) -> Float[Tensor, "*axis"]:
+    """Return the cells of offsets from the middle of a range: the inverse of `cells_to_offset_mm`."""
+    return (offset_mm + side_mm / 2) * (num_cells / side_mm) - 0.5
 
 
 def cells_to_pixels(cells: Float[Tensor, "batch joint 2"], stride: int) -> Float[Tensor, "batch joint 2"]:

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from assemblyhands_core.geometry.cameras import Camera, load_assembly101_calibration
-from assemblyhands_core.geometry.crops import RemapGrid, crop_camera, rectified, source_pixels
+from assemblyhands_core.geometry.crops import crop_camera, rectified, source_pixels
+from assemblyhands_core.geometry.regions import RemapGrid
 
 MAX_PIXEL_ERROR_PX = 1e-6
 MAX_RAY_ERROR = 1e-7

@@ -18,7 +18,8 @@ from assemblyhands_core.data.camera_rows import camera_to_row, missing_camera_ro
 from assemblyhands_core.data.catalog import CROPS, JOINTS, KEYPOINTS
 from assemblyhands_core.data.crop_images import encode_jpeg
 from assemblyhands_core.data.digests import digest_json, digest_table
-from assemblyhands_core.geometry.crops import RemapGrid, crop_camera
+from assemblyhands_core.geometry.crops import crop_camera
+from assemblyhands_core.geometry.regions import RemapGrid
 from assemblyhands_core.hands.joints import ROOT
 from assemblyhands_core.hands.kinematics import HandPose, HandSkeleton, forward_kinematics
 from assemblyhands_core.models.mvexonet import SMALL, HandEstimate, MVExoNet

@@ -12,8 +12,8 @@ from assemblyhands_core.data.catalog import VIEWS
 from assemblyhands_core.data.digests import digest_file
 from assemblyhands_core.data.video import VideoReader, VideoWriter
 from assemblyhands_core.geometry.cameras import Camera
-from assemblyhands_core.geometry.crops import RemapGrid
 from assemblyhands_core.geometry.distortion import Lens, OpenCVLens, OVFishEye62, Pinhole
+from assemblyhands_core.geometry.regions import RemapGrid
 from stages._contract import Context
 from stages.undistort import STAGE, UndistortConfig, round_trip_residual_px
 
