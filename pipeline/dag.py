@@ -20,9 +20,11 @@ from stages import (
     evaluate,
     film_take,
     ingest,
+    ingest_ego,
     measure_quality,
     plan_crops,
     preview_recording,
+    project_ego,
     script_take,
     smooth_joints,
     start_from_truth,
@@ -37,9 +39,11 @@ from stages._contract import Stage
 SOURCE_EDGE: Final = "sources"  # the recording's own files, as the engine finds them
 TAKE_EDGE: Final = "takes"  # what the studio is to record, as the manifest orders it
 TRUTH_EDGE: Final = "truth"  # files of the recording's ground truth, which evaluation alone may read
+EGO_EDGE: Final = "ego_sources"  # the headset's own files, so that the fixed cameras' results do not depend on them
 CROP_EDGE: Final = "crop_orders"  # which crops the studio is to draw for training, as the manifest orders it
 ORIGINS: Final[Mapping[str, TableSpec]] = {
     SOURCE_EDGE: SOURCES,
+    EGO_EDGE: SOURCES,
     TAKE_EDGE: TAKES,
     CROP_EDGE: CROP_ORDERS,
     TRUTH_EDGE: SOURCES,
@@ -141,6 +145,7 @@ def build_dag(num_rounds: int = 3) -> Dag:
     _add_annotation(dag)
     _add_rounds(dag, num_rounds)
     _add_results(dag, f"round_{num_rounds}")
+    _add_egocentric(dag, f"round_{num_rounds}")
     evaluations = _add_evaluation(dag, num_rounds)
     dag.targets |= {
         "annotate": ("quality", "overlay", *evaluations),
@@ -148,6 +153,7 @@ def build_dag(num_rounds: int = 3) -> Dag:
         "evaluate": (*evaluations, "evaluation_bound"),
         "doctor": ("audit",),
         "undistort": ("undistort",),
+        "ego": ("project_ego",),
         "simulate": ("delivery", "preview"),
         "train": ("body_weights", "keypoint_weights", "mvexonet_weights"),
     }
@@ -256,6 +262,20 @@ def _add_results(dag: Dag, last: str) -> None:
         joints=f"{last}.joints",
     )
     dag.add("smoothed", smooth_joints.STAGE, joints=f"{last}.joints")
+
+
+def _add_egocentric(dag: Dag, last: str) -> None:
+    """Add how an annotation becomes crops of the headset's pictures (paper, Sec. 4)."""
+    dag.add("ingest_ego", ingest_ego.STAGE, sources=EGO_EDGE)
+    dag.add("undistort_ego", undistort.STAGE, views="ingest_ego.views")
+    dag.add(
+        "project_ego",
+        project_ego.STAGE,
+        views="ingest_ego.views",
+        rectified_views="undistort_ego.rectified_views",
+        frames="ingest_ego.frames",
+        joints=f"{last}.joints",
+    )
 
 
 def _add_evaluation(dag: Dag, num_rounds: int) -> tuple[str, ...]:

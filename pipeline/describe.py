@@ -5,10 +5,11 @@ from collections.abc import Iterator
 import pyarrow as pa
 
 from assemblyhands_core.data.tables import TableSpec
-from pipeline.dag import CROP_EDGE, SOURCE_EDGE, TAKE_EDGE, TRUTH_EDGE, Dag
+from pipeline.dag import CROP_EDGE, EGO_EDGE, SOURCE_EDGE, TAKE_EDGE, TRUTH_EDGE, Dag
 
 _ORIGINS = {
     SOURCE_EDGE: "the recording's files",
+    EGO_EDGE: "the headset's files",
     TAKE_EDGE: "the manifest's order",
     CROP_EDGE: "the manifest's order of crops",
     TRUTH_EDGE: "the recording's ground truth",

@@ -2,15 +2,16 @@
 
 import glob
 import json
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from assemblyhands_core.data.digests import FileDigests
 from assemblyhands_core.data.layout import DatasetLayout
 from assemblyhands_core.data.packages import PackageError, fetch_package
+from assemblyhands_core.data.split_files import EGO_SHARE
 from pipeline.config import RunConfig, UserError
-from pipeline.dag import SOURCE_EDGE, TRUTH_EDGE
+from pipeline.dag import EGO_EDGE, SOURCE_EDGE, TRUTH_EDGE
 from pipeline.manifests import MANIFESTS, ManifestRow, checked_name, select_rows
 from pipeline.takes import STUDIO_PACKAGE, studio_folder
 
@@ -26,6 +27,8 @@ class Recording:
         keypoints: folder of 2D keypoints that come with it and take the place of detectors; None without any.
         detector: finds keypoints where none come with it.
         ground_truth: folder of what is true in it, for evaluation alone; None where nobody knows.
+        ego_calibration: poses of its headset's cameras, an AssemblyHands `ego_calib` file; None without headset.
+        ego_videos: the headset's videos by camera name.
     """
 
     sequence_id: str
@@ -34,16 +37,28 @@ class Recording:
     keypoints: Path | None = None
     detector: str = "mediapipe"
     ground_truth: Path | None = None
+    ego_calibration: Path | None = None
+    ego_videos: Mapping[str, Path] = field(default_factory=dict)
 
     def origin_rows(self, digests: FileDigests) -> Mapping[str, Sequence[Mapping[str, str]]]:
-        """Return role, name, path and sha256 of every file, apart what is given and what is true.
+        """Return role, name, path and sha256 of every file, apart for rig, headset and truth; a table may be empty.
 
-        Two tables, so that nothing but evaluation runs again when the truth changes; the second is empty without truth.
+        So nothing but the headset's part runs again when its files change, nothing but evaluation with the truth.
         """
         given = [("calibration", "calibration", self.calibration), *(("video", n, p) for n, p in self.videos.items())]
         files = sorted(self.ground_truth.glob("*.parquet")) if self.ground_truth else []
         true = [("ground_truth", path.stem, path) for path in files]
-        return {SOURCE_EDGE: self._rows(given, digests), TRUTH_EDGE: self._rows(true, digests)}
+        return {
+            SOURCE_EDGE: self._rows(given, digests),
+            EGO_EDGE: self._rows(self._ego_files(), digests),
+            TRUTH_EDGE: self._rows(true, digests),
+        }
+
+    def _ego_files(self) -> Iterator[tuple[str, str, Path]]:
+        if self.ego_calibration is not None:
+            yield "calibration", "calibration", self.calibration
+            yield "ego_calibration", "ego_calibration", self.ego_calibration
+            yield from (("ego_video", name, path) for name, path in self.ego_videos.items())
 
     def _rows(self, files: Iterable[tuple[str, str, Path]], digests: FileDigests) -> tuple[Mapping[str, str], ...]:
         return tuple(
@@ -74,7 +89,7 @@ def select_recordings(config: RunConfig) -> list[Recording]:
 def _from_manifest(row: ManifestRow, workspace: Path) -> Recording:
     """Return a row's recording; its paths are relative to the package's files, or to the manifest's folder."""
     if row["package"] == STUDIO_PACKAGE:
-        row = {**row, **_studio_paths(row["sequence_id"])}
+        row = {**row, **_studio_paths(row["sequence_id"], studio_folder(workspace))}
     folder = _package_folder(row, workspace) if row["package"] else Path(row["folder"])
     found = _recording(row["sequence_id"], folder / row["calibration"], str(folder / row["videos"]))
     return replace(
@@ -82,16 +97,26 @@ def _from_manifest(row: ManifestRow, workspace: Path) -> Recording:
         keypoints=_optional_folder(folder, row, "keypoints"),
         detector="learned" if row["package"] == STUDIO_PACKAGE else found.detector,
         ground_truth=_optional_folder(folder, row, "ground_truth"),
+        ego_calibration=_optional_file(folder, row, "ego_calibration"),
+        ego_videos=_videos(row["sequence_id"], str(folder / row["ego_videos"])) if row["ego_videos"] else {},
     )
 
 
-def _studio_paths(sequence_id: str) -> dict[str, str]:
-    """Return where a recording of the studio has its files, which its name decides alone."""
+def _studio_paths(sequence_id: str, root: Path) -> dict[str, str]:
+    """Return where a recording of the studio has its files, which its name decides alone; the headset's if it has one."""
     layout = DatasetLayout(Path())
-    return {
+    paths = {
         "calibration": str(layout.calibration(sequence_id)),
         "videos": str(layout.video(sequence_id, "x").with_name("*_rgb.mp4")),
         "ground_truth": str(layout.ground_truth(sequence_id)),
+    }
+    worn = layout.labels(sequence_id) / EGO_SHARE
+    if not (root / worn).is_file():
+        return paths
+    return {
+        **paths,
+        "ego_calibration": str(worn),
+        "ego_videos": str(layout.video(sequence_id, "x").with_name("HMC_*.mp4")),
     }
 
 
@@ -99,6 +124,13 @@ def _optional_folder(folder: Path, row: ManifestRow, column: str) -> Path | None
     path = (folder / row[column]).absolute() if row[column] else None
     if path is not None and not path.is_dir():
         raise UserError(f"sequence {row['sequence_id']}: the folder of {column} {path} does not exist")
+    return path
+
+
+def _optional_file(folder: Path, row: ManifestRow, column: str) -> Path | None:
+    path = (folder / row[column]).absolute() if row[column] else None
+    if path is not None and not path.is_file():
+        raise UserError(f"sequence {row['sequence_id']}: the file of {column} {path} does not exist")
     return path
 
 
@@ -119,12 +151,16 @@ def _package_folder(row: ManifestRow, workspace: Path) -> Path:
 def _recording(sequence_id: str, calibration: Path, videos: str) -> Recording:
     if not calibration.is_file():
         raise UserError(f"sequence {sequence_id}: the calibration {calibration} does not exist")
-    files = sorted(Path(path) for path in glob.glob(videos) if Path(path).is_file())
+    return Recording(sequence_id, calibration.absolute(), _videos(sequence_id, videos))
+
+
+def _videos(sequence_id: str, pattern: str) -> dict[str, Path]:
+    files = sorted(Path(path) for path in glob.glob(pattern) if Path(path).is_file())
     if not files:
-        raise UserError(f"sequence {sequence_id}: no video matches {videos}")
+        raise UserError(f"sequence {sequence_id}: no video matches {pattern}")
     by_name = {path.stem: path.absolute() for path in files}
     if len(by_name) < len(files):
         raise UserError(
-            f"sequence {sequence_id}: two videos that match {videos} have the same name, so cameras get mixed up"
+            f"sequence {sequence_id}: two videos that match {pattern} have the same name, so cameras get mixed up"
         )
-    return Recording(sequence_id, calibration.absolute(), by_name)
+    return by_name
