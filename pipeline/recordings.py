@@ -103,7 +103,7 @@ def _from_manifest(row: ManifestRow, workspace: Path) -> Recording:
 
 
 def _studio_paths(sequence_id: str, root: Path) -> dict[str, str]:
-    """Return where a recording of the studio has its files, which its name decides alone; the headset's if it has one."""
+    """Return where a recording of the studio has its files, which its name decides alone; a headset's if it has one."""
     layout = DatasetLayout(Path())
     paths = {
         "calibration": str(layout.calibration(sequence_id)),

@@ -7,16 +7,17 @@ pay otherwise.
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from assemblyhands_core.data.arrays import to_numpy
 from assemblyhands_core.data.catalog import TRAINING_CURVE, WEIGHTS
 from assemblyhands_core.data.digests import digest_file
+from assemblyhands_core.data.hand_crops import stored_hands
 from assemblyhands_core.data.provenance import code_commit
 from assemblyhands_core.synthetic.version import SIMULATOR_VERSION
 from assemblyhands_core.training.hand_dataset import Augmentation, HandCrops
@@ -41,12 +42,18 @@ class AugmentationConfig(StageConfig):
     gain_spread: float = Field(ge=0, le=1)
     brightness_spread: float = Field(ge=0, le=1)
 
+    @model_validator(mode="after")
+    def _bounds_are_in_order(self) -> Self:
+        if self.min_views > self.max_views:
+            raise ValueError(f"min_views={self.min_views} must not be above max_views={self.max_views}")
+        return self
+
     def augmentation(self) -> Augmentation:
         """Return it as the data set takes it."""
         return Augmentation(**self.model_dump())
 
     def judging(self) -> Augmentation:
-        """Return what samples that are held out are seen through: the mean box, all views, true colours."""
+        """Return what samples that are held out are seen through: boxes of mean size, all views, true colours."""
         plain = dict.fromkeys(("gamma_spread", "turn_deg", "gain_spread", "brightness_spread"), 0.0)
         return Augmentation(**{**self.model_dump(), **plain, "min_views": self.max_views})
 
@@ -64,7 +71,7 @@ class ScheduleConfig(StageConfig):
     max_gradient: float = Field(gt=0)
     num_loaders: int = Field(ge=0)
     seed: int = Field(ge=0)
-    devices: int = Field(ge=-1)
+    devices: int = Field(ge=1)
 
     def schedule(self) -> "Schedule":
         """Return it as the training loop takes it."""
@@ -88,15 +95,11 @@ def first_held_out(frames: Any, share: float) -> int:
 
 def data_sets(config: TrainingConfig, inputs: Tables, size_px: int) -> tuple[HandCrops, HandCrops]:
     """Return what is learnt from and what is held out: the last share of a set's frames, so of other takes."""
-    border = first_held_out(to_numpy(inputs["labels"]["frame"]), config.held_out_share)
-
-    def part(condition: Any, augmentation: Augmentation) -> HandCrops:
-        crops, labels = (inputs[name].filter(condition) for name in ("crops", "labels"))
-        return HandCrops.of(crops, labels, augmentation, size_px, config.seed)
-
-    frame = pc.field("frame")
-    training = part(frame < border, config.augmentation.augmentation())
-    held_out = part(frame >= border, config.augmentation.judging())
+    stored, labels, frame = stored_hands(inputs["crops"]), inputs["labels"], pc.field("frame")
+    border = first_held_out(to_numpy(labels["frame"]), config.held_out_share)
+    varied, plain = config.augmentation.augmentation(), config.augmentation.judging()
+    training = HandCrops.of(stored, labels.filter(frame < border), varied, size_px, config.seed)
+    held_out = HandCrops.of(stored, labels.filter(frame >= border), plain, size_px, config.seed)
     return training, held_out.spread(config.max_held_out)
 
 

@@ -1,4 +1,4 @@
-"""Between numpy arrays of shape (rows, values) and Arrow columns of fixed-size lists."""
+"""Between numpy arrays of shape (rows, values) and Arrow columns of fixed-size lists, and choices of rows."""
 
 from collections.abc import Sequence
 from typing import Any, TypeAlias
@@ -40,6 +40,11 @@ def to_numpy(column: pa.Array | pa.ChunkedArray) -> npt.NDArray[Any]:
         return np.asarray(array.to_numpy(zero_copy_only=False))
     values = array.flatten().to_numpy(zero_copy_only=False)
     return np.asarray(values).reshape(len(array), array.type.list_size)
+
+
+def evenly_spread(num_rows: int, max_count: int) -> list[int]:
+    """Return at most so many row numbers, evenly spread from the first to the last row."""
+    return sorted(set(np.linspace(0, num_rows - 1, min(max_count, num_rows)).round().astype(int).tolist()))
 
 
 def _numpy_dtype(kind: pa.DataType) -> Any:

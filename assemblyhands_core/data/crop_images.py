@@ -4,9 +4,12 @@ from typing import Any
 
 import cv2
 import numpy as np
+import pyarrow as pa
 from jaxtyping import UInt8
 
 ImageRGB = UInt8[np.ndarray, "height width 3"]
+ImageBytes = bytes | pa.Buffer
+"""An encoded picture, of its own or still inside a table."""
 
 
 def encode_jpeg(image_rgb: ImageRGB, quality: int) -> bytes:
@@ -18,7 +21,7 @@ def encode_jpeg(image_rgb: ImageRGB, quality: int) -> bytes:
     return bytes(data)
 
 
-def decode_image(data: bytes) -> ImageRGB:
+def decode_image(data: ImageBytes) -> ImageRGB:
     """Return the RGB picture of JPEG or PNG bytes.
 
     Raises:

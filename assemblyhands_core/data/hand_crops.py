@@ -12,7 +12,7 @@ import pyarrow as pa
 from jaxtyping import Bool, Float, Float64, UInt8
 
 from assemblyhands_core.data.arrays import to_numpy
-from assemblyhands_core.data.crop_images import decode_image
+from assemblyhands_core.data.crop_images import ImageBytes, decode_image
 from assemblyhands_core.hands.joints import NUM_JOINTS, Hand
 
 HandKey = tuple[str, int, Hand]
@@ -31,7 +31,7 @@ class StoredView:
     """
 
     camera_id: str
-    image: bytes
+    image: ImageBytes
     P_pixel_from_world: Float64[np.ndarray, "3 4"]
     size_px: tuple[int, int]
 
@@ -88,16 +88,21 @@ class Cut:
 
 
 def stored_hands(crops: pa.Table) -> dict[HandKey, StoredHand]:
-    """Group the rows of a `catalog.CROPS` table by hand and instant; views that are not valid are left out."""
-    valid = crops.filter(crops["valid"])
-    matrices = _projections(valid)
-    names = [valid.column(name).to_pylist() for name in ("sequence_id", "frame", "hand", "camera_id")]
-    images = valid.column("image")
-    sizes = list(zip(*(valid.column(name).to_pylist() for name in ("width_px", "height_px")), strict=True))
+    """Group the rows of a `catalog.CROPS` table by hand and instant; views that are not valid are left out.
+
+    Pictures stay where they are in the table: sets of crops for training are as large as half the memory.
+    """
+    matrices = _projections(crops)
+    names = [crops.column(name).to_pylist() for name in ("sequence_id", "frame", "hand", "camera_id", "valid")]
+    sizes = list(zip(*(crops.column(name).to_pylist() for name in ("width_px", "height_px")), strict=True))
+    pictures = (scalar.as_buffer() for chunk in crops.column("image").chunks for scalar in chunk)
     found: dict[HandKey, list[StoredView]] = {}
-    for index, (sequence, frame, hand, camera_id) in enumerate(zip(*names, strict=True)):
-        view = StoredView(camera_id, images[index].as_py(), matrices[index], sizes[index])
-        found.setdefault((sequence, frame, hand), []).append(view)
+    for row, (sequence, frame, hand, camera_id, is_valid), picture in zip(
+        range(crops.num_rows), zip(*names, strict=True), pictures, strict=True
+    ):
+        if is_valid:
+            view = StoredView(camera_id, picture, matrices[row], sizes[row])
+            found.setdefault((sequence, frame, hand), []).append(view)
     return {key: StoredHand(key, tuple(views)) for key, views in found.items()}
 
 

@@ -1,7 +1,7 @@
 """Training sets of bodies: whole pictures, shifted, scaled and recoloured anew in every epoch."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import cv2
@@ -9,7 +9,7 @@ import numpy as np
 import pyarrow as pa
 from jaxtyping import Bool, Float64
 
-from assemblyhands_core.data.arrays import to_numpy
+from assemblyhands_core.data.arrays import evenly_spread, to_numpy
 from assemblyhands_core.data.crop_images import decode_image
 from assemblyhands_core.data.hand_crops import window_map
 from assemblyhands_core.hands.body import NUM_BODY_KEYPOINTS
@@ -32,14 +32,14 @@ class BodyAugmentation:
 
 @dataclass(frozen=True, eq=False)
 class BodyViews:
-    """A map-style data set of whole pictures with keypoints.
+    """A set of whole pictures with keypoints.
 
     Attributes:
         images: Encoded pictures, all of one size.
         pixels: True keypoints.
         is_valid: Which count.
         augmentation: What is varied.
-        seed: With epoch and index it decides on a sample.
+        seed: Of everything drawn; with epoch and index it decides on a sample.
     """
 
     images: tuple[bytes, ...]
@@ -47,7 +47,6 @@ class BodyViews:
     is_valid: Bool[np.ndarray, "picture keypoint=17"]
     augmentation: BodyAugmentation
     seed: int
-    _epoch: list[int] = field(default_factory=lambda: [0])
 
     @staticmethod
     def of(labels: pa.Table, augmentation: BodyAugmentation, seed: int) -> "BodyViews":
@@ -58,21 +57,17 @@ class BodyViews:
 
     def spread(self, count: int) -> "BodyViews":
         """Return a set of at most so many pictures, evenly spread."""
-        chosen = np.unique(np.linspace(0, len(self) - 1, min(count, len(self))).round().astype(int))
-        images = tuple(self.images[index] for index in chosen.tolist())
+        chosen = evenly_spread(len(self), count)
+        images = tuple(self.images[index] for index in chosen)
         return replace(self, images=images, pixels=self.pixels[chosen], is_valid=self.is_valid[chosen])
-
-    def set_epoch(self, epoch: int) -> None:
-        """Draw other variations from now on."""
-        self._epoch[0] = epoch
 
     def __len__(self) -> int:
         """Return how many pictures there are."""
         return len(self.images)
 
-    def __getitem__(self, index: int) -> Mapping[str, Any]:
+    def sample(self, index: int, epoch: int) -> Mapping[str, Any]:
         """Return a picture, uint8 (height, width, 3), the true pixels and which of them lie in it."""
-        rng = np.random.default_rng([self.seed, self._epoch[0], index])
+        rng = np.random.default_rng([self.seed, epoch, index])
         noise, varied = rng.normal(size=4), self.augmentation
         picture = decode_image(self.images[index])
         height, width = picture.shape[:2]

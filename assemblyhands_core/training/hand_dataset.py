@@ -1,18 +1,28 @@
 """Training sets of hands: every epoch sees each hand through other boxes, views and colours.
 
-Source: paper, supplement B (box expansion γ of mean 1.5, root noise of ±5 mm on every axis); the rest is ours, and each
-part can be switched off.
+Windows never leave the stored crop: the edge of what it lacks would tell where the true hand is. Source: paper,
+supplement B (box expansion γ of mean 1.5, root noise of ±5 mm on every axis); the rest is ours, and each part can be
+switched off.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
 from jaxtyping import Bool, Float, Float32, Float64, UInt8
 
-from assemblyhands_core.data.hand_crops import HandLabel, StoredHand, cut, hand_labels, stored_hands, window_map
+from assemblyhands_core.data.arrays import evenly_spread
+from assemblyhands_core.data.hand_crops import (
+    HandKey,
+    HandLabel,
+    StoredHand,
+    StoredView,
+    cut,
+    hand_labels,
+    window_map,
+)
 from assemblyhands_core.geometry.crops import square_box
 from assemblyhands_core.hands.joints import ROOT
 
@@ -81,7 +91,7 @@ def draw_sample(
     known = label.joints_world_mm[label.is_valid]
     for slot, index in enumerate(order[:num_views].tolist()):
         view = hand.views[index]
-        piece = cut(view, _drawn_window(view.project(known), augmentation, size_px, rng), size_px)
+        piece = cut(view, _drawn_window(view, known, augmentation, size_px, rng), size_px)
         images[slot] = _recoloured(piece.image, augmentation, rng)
         matrices[slot], is_used[slot] = piece.P_pixel_from_world, True
     noise = rng.uniform(-augmentation.root_mm, augmentation.root_mm, 3)
@@ -97,13 +107,22 @@ def draw_sample(
 
 
 def _drawn_window(
-    joints_px: Float[np.ndarray, "point 2"], augmentation: Augmentation, size_px: int, rng: np.random.Generator
+    view: StoredView,
+    joints_world_mm: Float[np.ndarray, "point 3"],
+    augmentation: Augmentation,
+    size_px: int,
+    rng: np.random.Generator,
 ) -> Float64[np.ndarray, "3 3"]:
-    center, side = square_box(joints_px[np.isfinite(joints_px).all(axis=-1)], 1.0)
+    """Return the map to a window around the joints, smaller and shifted where it would leave the stored crop."""
+    center, side = square_box(view.project(joints_world_mm), 1.0)
     noise = rng.normal(size=3)
     side *= augmentation.gamma * float(np.exp(augmentation.gamma_spread * noise[0]))
     center = center + augmentation.center_spread * side * noise[1:]
     turn = np.deg2rad(augmentation.turn_deg) * float(rng.uniform(-1.0, 1.0))
+    widening = abs(np.cos(turn)) + abs(np.sin(turn))  # of what a turned square spans along x and y
+    side = min(side, min(view.size_px) / widening)
+    margin = side * widening / 2
+    center = np.clip(center, margin - 0.5, np.array(view.size_px) - 0.5 - margin)
     return window_map(center, side, size_px, turn)
 
 
@@ -118,14 +137,14 @@ def _recoloured(
 
 @dataclass(frozen=True, eq=False)
 class HandCrops:
-    """A set of hands that are known and can be seen from two sides or more; a map-style data set for torch.
+    """A set of hands that are known and can be seen from two sides or more.
 
     Attributes:
         hands: Their stored crops.
         labels: Their joints, in the same order.
         augmentation: What is varied.
         size_px: Side of the crops.
-        seed: Of everything drawn; with the epoch and the index it decides on a sample.
+        seed: Of everything drawn; with epoch and index it decides on a sample.
     """
 
     hands: tuple[StoredHand, ...]
@@ -133,36 +152,39 @@ class HandCrops:
     augmentation: Augmentation
     size_px: int
     seed: int
-    _epoch: list[int] = field(default_factory=lambda: [0])
 
     @staticmethod
-    def of(crops: pa.Table, labels: pa.Table, augmentation: Augmentation, size_px: int, seed: int) -> "HandCrops":
-        """Match crops and labels; hands with fewer than two views, or whose root is unknown, are left out."""
+    def of(
+        stored: Mapping[HandKey, StoredHand], labels: pa.Table, augmentation: Augmentation, size_px: int, seed: int
+    ) -> "HandCrops":
+        """Match crops (`hand_crops.stored_hands`) and the rows of a `catalog.HAND_LABELS` table.
+
+        Hands with fewer than two views, or whose root is unknown, are left out, like views that no box can be drawn in.
+        """
         known = hand_labels(labels)
-        pairs = [
-            (hand, known[key])
-            for key, hand in sorted(stored_hands(crops).items())
-            if key in known and len(hand.views) >= 2 and known[key].is_valid[ROOT]
-        ]
-        hands, chosen = (tuple(column) for column in zip(*pairs, strict=True)) if pairs else ((), ())
-        return HandCrops(hands, chosen, augmentation, size_px, seed)
+        pairs = [(_boxable(hand, known[key]), known[key]) for key, hand in sorted(stored.items()) if key in known]
+        chosen = [(hand, label) for hand, label in pairs if len(hand.views) >= 2 and label.is_valid[ROOT]]
+        hands, found = (tuple(column) for column in zip(*chosen, strict=True)) if chosen else ((), ())
+        return HandCrops(hands, found, augmentation, size_px, seed)
 
     def spread(self, count: int) -> "HandCrops":
         """Return a set of at most so many hands, evenly spread."""
-        chosen = np.unique(np.linspace(0, len(self) - 1, min(count, len(self))).round().astype(int)).tolist()
+        chosen = evenly_spread(len(self), count)
         hands, labels = (tuple(column[index] for index in chosen) for column in (self.hands, self.labels))
         return replace(self, hands=hands, labels=labels)
-
-    def set_epoch(self, epoch: int) -> None:
-        """Draw other variations from now on."""
-        self._epoch[0] = epoch
 
     def __len__(self) -> int:
         """Return how many hands there are."""
         return len(self.hands)
 
-    def __getitem__(self, index: int) -> Mapping[str, Any]:
-        """Return a sample's arrays by name."""
-        rng = np.random.default_rng([self.seed, self._epoch[0], index])
-        hand, label = self.hands[index], self.labels[index]
-        return vars(draw_sample(hand, label, self.augmentation, self.size_px, rng))
+    def sample(self, index: int, epoch: int) -> Mapping[str, Any]:
+        """Return a sample's arrays by name, other variations of a hand in every epoch."""
+        rng = np.random.default_rng([self.seed, epoch, index])
+        return vars(draw_sample(self.hands[index], self.labels[index], self.augmentation, self.size_px, rng))
+
+
+def _boxable(hand: StoredHand, label: HandLabel) -> StoredHand:
+    """Return a hand with the views in which its known joints span a box: two at least, all before the camera."""
+    known = label.joints_world_mm[label.is_valid]
+    views = [view for view in hand.views if len(known) >= 2 and np.isfinite(view.project(known)).all()]
+    return replace(hand, views=tuple(views))

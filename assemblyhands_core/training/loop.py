@@ -1,12 +1,13 @@
-"""The training loop that all networks share: resumable to the step, the best weights kept, curves logged.
+"""The training loop that all networks share: resumable at every epoch, the best weights kept, curves logged.
 
 An epoch is a fixed number of steps over samples drawn anew. Everything random follows from seed and epoch, and state is
 saved at the end of each epoch, so that a run that was killed goes on to the weights of one that was not (on a CPU).
 """
 
 import importlib.util
+import multiprocessing
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, Literal, Protocol, runtime_checkable
 
@@ -22,23 +23,20 @@ from torch import Tensor, nn
 from torch.utils.data import DataLoader, Dataset
 
 _WARM_UP_STEPS: Final = 60
-_LAST: Final = "last.ckpt"
+_LAST: Final = "last"
 
 Batch = Mapping[str, Tensor]
 
 
 @runtime_checkable
-class EpochData(Protocol):
-    """A map-style data set whose samples differ from epoch to epoch."""
-
-    def set_epoch(self, epoch: int) -> None:
-        """Draw other variations from now on."""
+class Samples(Protocol):
+    """What a network is shown; a sample differs from epoch to epoch."""
 
     def __len__(self) -> int:
         """Return how many samples there are."""
 
-    def __getitem__(self, index: int) -> Mapping[str, Any]:
-        """Return a sample."""
+    def sample(self, index: int, epoch: int) -> Mapping[str, Any]:
+        """Return a sample's arrays by name."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +52,7 @@ class Schedule:
         max_gradient: Longer gradients are shortened.
         num_loaders: Processes that make samples; 0 makes them in this one.
         seed: Of order and variations.
-        devices: How many GPUs, -1 for all there are; without any the CPU is used.
+        devices: How many GPUs (without any: processes) share every batch, which has to be a multiple of it.
     """
 
     num_epochs: int
@@ -65,7 +63,7 @@ class Schedule:
     max_gradient: float
     num_loaders: int
     seed: int
-    devices: int = -1
+    devices: int = 1
 
     @property
     def num_steps(self) -> int:
@@ -104,14 +102,14 @@ class Task:
         loss: Of a batch.
         error: Of a batch, in the unit that people look at (mm, px): mean, and number of joints it is the mean of.
         training: Samples to learn from.
-        held_out: Samples to judge by; their epoch never changes.
+        held_out: Samples to judge by, the same in every epoch.
     """
 
     network: nn.Module
     loss: Callable[[Batch], Tensor]
     error: Callable[[Batch], tuple[Tensor, Tensor]]
-    training: EpochData
-    held_out: EpochData
+    training: Samples
+    held_out: Samples
 
 
 def train(task: Task, schedule: Schedule, folder: Path, num_threads: int) -> Outcome:
@@ -124,8 +122,10 @@ def train(task: Task, schedule: Schedule, folder: Path, num_threads: int) -> Out
         num_threads: Of the CPU.
 
     Raises:
-        ValueError: There is nothing to learn from or to judge by.
+        ValueError: There is nothing to learn from or to judge by, or batches cannot be shared evenly.
     """
+    if schedule.batch_size % schedule.devices:
+        raise ValueError(f"batches of {schedule.batch_size} cannot be shared by {schedule.devices} devices")
     if not len(task.training) or not len(task.held_out):
         counts = f"{len(task.training)} samples to learn from and {len(task.held_out)} held out"
         raise ValueError(f"training has {counts}: there have to be some of both")
@@ -133,11 +133,14 @@ def train(task: Task, schedule: Schedule, folder: Path, num_threads: int) -> Out
     folder.mkdir(parents=True, exist_ok=True)
     module = _Module(task, schedule)
     is_gpu = torch.cuda.is_available()
-    checkpoints = ModelCheckpoint(folder, monitor="error", mode="min", save_last=True, filename="best")
+    best_one = ModelCheckpoint(folder, "best", monitor="error", mode="min", enable_version_counter=False)
+    # A second one, because lightning's `save_last` leaves out epochs that are not the best.
+    last_one = ModelCheckpoint(folder, _LAST, enable_version_counter=False)
     trainer = pl.Trainer(
         max_epochs=schedule.num_epochs,
-        accelerator="auto",
-        devices=schedule.devices if is_gpu else 1,
+        accelerator="gpu" if is_gpu else "cpu",  # not "auto": Apple's lacks the double precision of the projection
+        devices=schedule.devices,
+        strategy="auto" if schedule.devices == 1 else "ddp_fork",  # others start the whole program again on each device
         precision="bf16-mixed" if is_gpu else "32-true",
         gradient_clip_val=schedule.max_gradient,
         reload_dataloaders_every_n_epochs=1,
@@ -145,14 +148,16 @@ def train(task: Task, schedule: Schedule, folder: Path, num_threads: int) -> Out
         enable_progress_bar=False,
         enable_model_summary=False,
         log_every_n_steps=min(20, schedule.steps_per_epoch),
-        callbacks=[checkpoints],
+        callbacks=[best_one, last_one],
         logger=_logger(folder),
     )
-    last = folder / _LAST
+    last = folder / f"{_LAST}.ckpt"
     trainer.fit(module, ckpt_path=last if last.is_file() else None)
-    best = torch.load(checkpoints.best_model_path, map_location="cpu", weights_only=True)["state_dict"]
+    best = torch.load(best_one.best_model_path, map_location="cpu", weights_only=True)["state_dict"]
     task.network.load_state_dict({name.removeprefix("network."): value for name, value in best.items()})
-    return Outcome(tuple(module.curve), min(module.curve, key=lambda point: point.error))
+    # From the file, because this process has seen nothing of the training where several devices share it.
+    curve = [Point(**point) for point in torch.load(last, map_location="cpu", weights_only=True)["curve"]]
+    return Outcome(tuple(curve), min(curve, key=lambda point: point.error))
 
 
 def _logger(folder: Path) -> Logger | Literal[False]:
@@ -183,11 +188,17 @@ class _Module(pl.LightningModule):
         self._errors.append((float(mean) * float(count), float(count)))
 
     def on_validation_epoch_end(self) -> None:
-        total, count = np.array(self._errors).sum(axis=0)
-        loss = float(np.mean(self._losses)) if self._losses else float("nan")
-        self.curve.append(Point(self.global_step, loss, float(total / count)))
-        self.log("error", float(total / count))
+        total, count = self._over_devices(np.array(self._errors).sum(axis=0))
+        loss, num_losses = self._over_devices(np.array([np.sum(self._losses), len(self._losses)]))
+        self.curve.append(Point(self.global_step, loss / num_losses if num_losses else float("nan"), total / count))
+        self.log("error", total / count)
         self._losses, self._errors = [], []
+
+    def _over_devices(self, values: np.ndarray) -> tuple[float, float]:
+        """Return the sums of two values over all devices."""
+        sums = torch.as_tensor(self.all_gather(torch.tensor(values, device=self.device, dtype=torch.float32)))
+        first, second = sums.reshape(-1, 2).double().sum(dim=0).tolist()
+        return first, second
 
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         checkpoint["curve"] = [vars(point) for point in self.curve]
@@ -213,33 +224,34 @@ class _Module(pl.LightningModule):
 
     def train_dataloader(self) -> DataLoader[Any]:
         schedule, data = self.schedule, self.task.training
-        data.set_epoch(self.current_epoch)
         rng = np.random.default_rng([schedule.seed, self.current_epoch])
         wanted = schedule.steps_per_epoch * schedule.batch_size
         rounds = [rng.permutation(len(data)) for _ in range(-(-wanted // len(data)))]
-        return self._loader(data, np.concatenate(rounds)[:wanted].tolist())
+        return self._loader(_Epoch(data, self.current_epoch), np.concatenate(rounds)[:wanted].tolist())
 
     def val_dataloader(self) -> DataLoader[Any]:
-        return self._loader(self.task.held_out, list(range(len(self.task.held_out))))
+        return self._loader(_Epoch(self.task.held_out, 0), list(range(len(self.task.held_out))))
 
-    def _loader(self, data: EpochData, order: list[int]) -> DataLoader[Any]:
+    def _loader(self, data: "_Epoch", order: list[int]) -> DataLoader[Any]:
+        can_fork = not multiprocessing.current_process().daemon  # Dask's workers may have no children
         return DataLoader(
-            _Plain(data),
-            batch_size=self.schedule.batch_size,
+            data,
+            batch_size=self.schedule.batch_size // self.schedule.devices,
             sampler=order,
-            num_workers=self.schedule.num_loaders,
+            num_workers=self.schedule.num_loaders if can_fork else 0,
             pin_memory=torch.cuda.is_available(),
         )
 
 
 @dataclass(frozen=True, eq=False)
-class _Plain(Dataset[Mapping[str, Any]]):
-    """Samples as torch takes them."""
+class _Epoch(Dataset[Mapping[str, Any]]):
+    """The samples of one epoch as torch takes them."""
 
-    data: EpochData = field()
+    samples: Samples
+    epoch: int
 
     def __len__(self) -> int:
-        return len(self.data)
+        return len(self.samples)
 
     def __getitem__(self, index: int) -> Mapping[str, Any]:
-        return self.data[index]
+        return self.samples.sample(index, self.epoch)

@@ -8,12 +8,12 @@ from torch import Tensor
 
 from assemblyhands_core.models.hand_keypoints import HandKeypointNet, KeypointEstimate
 from assemblyhands_core.models.mvexonet import HandEstimate, MVExoNet
-from assemblyhands_core.training.loop import Batch, EpochData, Task
+from assemblyhands_core.training.loop import Batch, Samples, Task
 
 _NEAR: Final = 1e-6  # of a depth, so that what is behind a camera divides by something
 
 
-def keypoint_task(network: HandKeypointNet, training: EpochData, held_out: EpochData) -> Task:
+def keypoint_task(network: HandKeypointNet, training: Samples, held_out: Samples) -> Task:
     """Return the 2D network's task: joints in single views, judged in pixels of the crop."""
     size_px = network.config.image_size_px
 
@@ -28,7 +28,7 @@ def keypoint_task(network: HandKeypointNet, training: EpochData, held_out: Epoch
     return Task(network, loss, error, training, held_out)
 
 
-def body_task(network: HandKeypointNet, training: EpochData, held_out: EpochData) -> Task:
+def body_task(network: HandKeypointNet, training: Samples, held_out: Samples) -> Task:
     """Return the body network's task: keypoints in whole pictures, judged in their pixels."""
 
     def estimate(batch: Batch) -> tuple[KeypointEstimate, Tensor]:
@@ -45,7 +45,7 @@ def body_task(network: HandKeypointNet, training: EpochData, held_out: EpochData
     return Task(network, loss, error, training, held_out)
 
 
-def mvexonet_task(network: MVExoNet, training: EpochData, held_out: EpochData) -> Task:
+def mvexonet_task(network: MVExoNet, training: Samples, held_out: Samples) -> Task:
     """Return MVExoNet's task: joints of hands seen by several views, judged in mm."""
 
     def estimate(batch: Batch) -> HandEstimate:
@@ -78,7 +78,9 @@ def used_views(
     """
     used = batch["is_view_used"]
     points = torch.nn.functional.pad(batch["joints_world_mm"], (0, 1), value=1.0)
-    projected = torch.einsum("bvij,bkj->bvki", batch["P_pixel_from_world"], points)[used]
+    matrices = batch["P_pixel_from_world"]
+    # No matrix product: mixed precision would do it in bfloat16, which is whole pixels off.
+    projected = (matrices[:, :, None] * points[:, None, :, None]).sum(dim=-1)[used]
     pixels = projected[..., :2] / projected[..., 2:].clamp(min=_NEAR)
     inside = ((pixels > -0.5) & (pixels < size_px - 0.5)).all(dim=-1) & (projected[..., 2] > 0)
     is_valid = batch["is_valid"][:, None].expand(-1, used.shape[1], -1)[used] & inside

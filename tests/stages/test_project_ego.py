@@ -1,4 +1,4 @@
-"""From a headset's files to crops: a fisheye video from a moving head, in which the place of every bright spot is known."""
+"""From a headset's files to crops: a fisheye video from a moving head, where every bright spot's place is known."""
 
 from fractions import Fraction
 from pathlib import Path
