@@ -27,7 +27,8 @@ simulate: $(VENV)/.installed  ## record synthetic sequences: SEQ=name, SET=tiny,
 	$(RUN) simulate $(SEQUENCE) $(ARGS)
 
 train: $(VENV)/.installed-training  ## draw crops in the studio and train our networks on them (hours; goes on where it was)
-	$(RUN) train manifest=data_manifests/training_crops.csv seq=crops_train $(ARGS)
+	$(RUN) training_data manifest=data_manifests/training_crops.csv seq=crops_train $(ARGS)
+	$(RUN) train manifest=data_manifests/training_crops.csv seq=crops_train executor=serial $(ARGS)
 
 plan: $(VENV)/.installed  ## what `make annotate` would run, what it would reuse, and why
 	$(RUN) plan $(SEQUENCE) $(ARGS)

@@ -155,6 +155,7 @@ def build_dag(num_rounds: int = 3) -> Dag:
         "undistort": ("undistort",),
         "ego": ("project_ego",),
         "simulate": ("delivery", "preview"),
+        "training_data": ("training_crops", "body_views"),
         "train": ("body_weights", "keypoint_weights", "mvexonet_weights"),
     }
     return dag
@@ -181,9 +182,13 @@ def _add_training(dag: Dag) -> None:
     """Add how networks are trained on crops (paper, Sec. 3.1)."""
     dag.add("crop_plan", plan_crops.STAGE, orders=CROP_EDGE)
     dag.add("training_crops", draw_crops.STAGE, orders=CROP_EDGE, chunks="crop_plan.chunks")
-    crops = {"crops": "training_crops.crops", "labels": "training_crops.labels"}
+    crops = {
+        "chunks": "crop_plan.chunks",
+        "crops": "training_crops.crops",
+        "labels": "training_crops.labels",
+    }
     dag.add("body_views", draw_body_views.STAGE, orders=CROP_EDGE, chunks="crop_plan.chunks")
-    dag.add("body_weights", train_body_keypoints.STAGE, labels="body_views.labels")
+    dag.add("body_weights", train_body_keypoints.STAGE, chunks="crop_plan.chunks", labels="body_views.labels")
     dag.add("keypoint_weights", train_keypoints.STAGE, **crops)
     dag.add("mvexonet_weights", train_mvexonet.STAGE, **crops, start="keypoint_weights.weights")
 

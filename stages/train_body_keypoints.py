@@ -3,12 +3,11 @@
 import pyarrow.compute as pc
 from pydantic import Field
 
-from assemblyhands_core.data.arrays import to_numpy
-from assemblyhands_core.data.catalog import BODY_LABELS, TRAINING_CURVE, WEIGHTS
+from assemblyhands_core.data.catalog import BODY_LABELS, CHUNKS, TRAINING_CURVE, WEIGHTS
 from assemblyhands_core.hands.body import NUM_BODY_KEYPOINTS
 from assemblyhands_core.training.body_dataset import BodyAugmentation, BodyViews
 from stages._contract import Context, Stage, StageConfig, Tables
-from stages._training import ScheduleConfig, first_held_out, fitted
+from stages._training import ScheduleConfig, first_held_out, fitted, started, training_externals
 
 
 class BodyAugmentationConfig(StageConfig):
@@ -48,16 +47,16 @@ def run(config: TrainBodyKeypointsConfig, inputs: Tables, context: Context) -> T
         is_left_mirrored=False,
     )
     network = HandKeypointNet(shape)
-    if config.from_imagenet:
+    if not started(network, config) and config.from_imagenet:
         start_from_imagenet(network.encoder)
     task = body_task(network, *_data_sets(config, inputs))
-    card = {"start": "ImageNet" if config.from_imagenet else "random"}
-    return fitted(network, task, config, context, card, "px")
+    start = config.start_from or ("ImageNet" if config.from_imagenet else "random")
+    return fitted(network, task, config, context, {"start": start}, "px")
 
 
 def _data_sets(config: TrainBodyKeypointsConfig, inputs: Tables) -> tuple[BodyViews, BodyViews]:
     labels, frame = inputs["labels"], pc.field("frame")
-    border = first_held_out(to_numpy(labels["frame"]), config.held_out_share)
+    border = first_held_out(inputs["chunks"], config.held_out_share)
     varied = BodyAugmentation(**config.augmentation.model_dump())
     training = BodyViews.of(labels.filter(frame < border), varied, config.seed)
     held_out = BodyViews.of(labels.filter(frame >= border), BodyAugmentation(0.0, 0.0, 0.0), config.seed)
@@ -68,8 +67,9 @@ STAGE = Stage(
     name="train_body_keypoints",
     version=1,
     config=TrainBodyKeypointsConfig,
-    inputs={"labels": BODY_LABELS},
+    inputs={"chunks": CHUNKS, "labels": BODY_LABELS},
     outputs={"weights": WEIGHTS, "curve": TRAINING_CURVE},
     run=run,
     shard="sequence",
+    externals=training_externals,
 )

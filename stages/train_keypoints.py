@@ -2,9 +2,9 @@
 
 from pydantic import Field
 
-from assemblyhands_core.data.catalog import CROPS, HAND_LABELS, TRAINING_CURVE, WEIGHTS
+from assemblyhands_core.data.catalog import CHUNKS, CROPS, HAND_LABELS, TRAINING_CURVE, WEIGHTS
 from stages._contract import Context, Stage, Tables
-from stages._training import TrainingConfig, data_sets, fitted
+from stages._training import TrainingConfig, data_sets, fitted, started, training_externals
 
 
 class TrainKeypointsConfig(TrainingConfig):
@@ -29,19 +29,20 @@ def run(config: TrainKeypointsConfig, inputs: Tables, context: Context) -> Table
     torch.manual_seed(config.seed)
     shape = {name: getattr(config, name) for name in ("backbone", "num_levels", "num_channels", "image_size_px")}
     network = HandKeypointNet(HandKeypointConfig(**shape, is_left_mirrored=config.is_left_mirrored))
-    if config.from_imagenet:
+    if not started(network, config) and config.from_imagenet:
         start_from_imagenet(network.encoder)
     task = keypoint_task(network, *data_sets(config, inputs, config.image_size_px))
-    card = {"start": "ImageNet" if config.from_imagenet else "random"}
-    return fitted(network, task, config, context, card, "px")
+    start = config.start_from or ("ImageNet" if config.from_imagenet else "random")
+    return fitted(network, task, config, context, {"start": start}, "px")
 
 
 STAGE = Stage(
     name="train_keypoints",
     version=1,
     config=TrainKeypointsConfig,
-    inputs={"crops": CROPS, "labels": HAND_LABELS},
+    inputs={"chunks": CHUNKS, "crops": CROPS, "labels": HAND_LABELS},
     outputs={"weights": WEIGHTS, "curve": TRAINING_CURVE},
     run=run,
     shard="sequence",
+    externals=training_externals,
 )

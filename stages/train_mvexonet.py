@@ -1,12 +1,12 @@
 """Train MVExoNet on crops of one hand from several views (paper, Sec. 3.1 and supplement B)."""
 
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
-from assemblyhands_core.data.catalog import CROPS, HAND_LABELS, TRAINING_CURVE, WEIGHTS
+from assemblyhands_core.data.catalog import CHUNKS, CROPS, HAND_LABELS, TRAINING_CURVE, WEIGHTS
 from stages._contract import Context, Stage, Tables
-from stages._training import TrainingConfig, data_sets, fitted, weights_file
+from stages._training import TrainingConfig, data_sets, fitted, started, training_externals, weights_file
 
 if TYPE_CHECKING:
     from assemblyhands_core.models.hand_keypoints import HandKeypointNet
@@ -21,6 +21,13 @@ class TrainMvexonetConfig(TrainingConfig):
     v2v: Literal["slim", "reference"]
     is_left_mirrored: bool
 
+    @model_validator(mode="after")
+    def _can_be_halved(self) -> Self:
+        divisor = {"slim": 8, "reference": 32}[self.v2v]
+        if self.num_voxels % divisor:
+            raise ValueError(f"num_voxels={self.num_voxels} must be a multiple of {divisor} for v2v={self.v2v}")
+        return self
+
 
 def run(config: TrainMvexonetConfig, inputs: Tables, context: Context) -> Tables:
     """Train on one set of crops, starting from the encoder of the 2D network."""
@@ -31,8 +38,9 @@ def run(config: TrainMvexonetConfig, inputs: Tables, context: Context) -> Tables
 
     torch.manual_seed(config.seed)
     network = _network(config, load_hand_keypoints(weights_file(inputs["start"])))
+    start = config.start_from if started(network, config) else inputs["start"]["sha256"][0].as_py()
     task = mvexonet_task(network, *data_sets(config, inputs, config.image_size_px))
-    return fitted(network, task, config, context, {"start": inputs["start"]["sha256"][0].as_py()}, "mm")
+    return fitted(network, task, config, context, {"start": start}, "mm")
 
 
 def _network(config: TrainMvexonetConfig, start: "HandKeypointNet") -> "MVExoNet":
@@ -57,8 +65,9 @@ STAGE = Stage(
     name="train_mvexonet",
     version=1,
     config=TrainMvexonetConfig,
-    inputs={"crops": CROPS, "labels": HAND_LABELS, "start": WEIGHTS},
+    inputs={"chunks": CHUNKS, "crops": CROPS, "labels": HAND_LABELS, "start": WEIGHTS},
     outputs={"weights": WEIGHTS, "curve": TRAINING_CURVE},
     run=run,
     shard="sequence",
+    externals=training_externals,
 )

@@ -85,6 +85,18 @@ def load_hand_keypoints(path: Path) -> HandKeypointNet:
     return _filled(network, path)
 
 
+def start_from_weights(network: MVExoNet | HandKeypointNet, path: Path) -> None:
+    """Fill a network with the weights of an earlier training, to go on from there.
+
+    Raises:
+        ValueError: The file is of another network, or of one of another shape.
+    """
+    wanted, found = dataclasses.asdict(network.config), _config(path, type(network).__name__)
+    if other := [f"{name}={found.get(name)}" for name in wanted if wanted[name] != found.get(name)]:
+        raise ValueError(f"{path} is of a network with {', '.join(other)}: train one of that shape, or start afresh.")
+    network.load_state_dict(load_file(path))
+
+
 def start_from_imagenet(encoder: ImageEncoder) -> None:
     """Fill the backbone, which must be `IMAGENET_BACKBONE`, with ImageNet weights.
 

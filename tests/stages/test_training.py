@@ -10,28 +10,37 @@ import pyarrow as pa
 import pytest
 import torch
 import yaml
+from pydantic import ValidationError
 from spotted_hands import hand_tables
 
-from assemblyhands_core.data.catalog import BODY_LABELS, WEIGHTS
+from assemblyhands_core.data.catalog import BODY_LABELS, CHUNKS, WEIGHTS
 from assemblyhands_core.data.crop_images import encode_jpeg
 from assemblyhands_core.data.digests import digest_file
 from assemblyhands_core.models.pretrained import load_hand_keypoints, load_mvexonet, read_card
 from stages import train_body_keypoints, train_keypoints, train_mvexonet
 from stages._contract import Context, Stage
+from stages._training import first_held_out
 
 CONF = Path(__file__).parents[2] / "conf" / "stage"
 SHORT = {"num_epochs": 3, "steps_per_epoch": 8, "batch_size": 4, "num_loaders": 0, "held_out_share": 0.2}
 NET = {"backbone": "mobilenetv3_small_050", "num_levels": 2, "num_channels": 8, "from_imagenet": False}
 
 
+TAKES = CHUNKS.from_rows(
+    [{"sequence_id": "set", "chunk": take, "first_frame": 3 * take, "num_frames": 3} for take in range(4)]
+)
+
+
 def _config(stage: Stage[Any], **changes: Any) -> Any:
     values = yaml.safe_load((CONF / f"{stage.name}.yaml").read_text())
+    if "gamma" in values["augmentation"]:  # a dozen hands teach nothing about boxes
+        values["augmentation"] |= {"gamma": 1.4, "gamma_spread": 0.1, "center_spread": 0.02}
     return stage.config.model_validate({**values, **SHORT, **changes})
 
 
 def _run(stage: Stage[Any], config: Any, inputs: dict[str, pa.Table], folder: Path) -> dict[str, pa.Table]:
     folder.mkdir(exist_ok=True)
-    return stage.run(config, inputs, Context(folder, "set", 1, folder / "scratch"))
+    return stage.run(config, {"chunks": TAKES, **inputs}, Context(folder, "set", 1, folder / "scratch"))
 
 
 def _stored(made: dict[str, pa.Table], folder: Path) -> pa.Table:
@@ -101,3 +110,55 @@ def test_the_body_network_learns(tmp_path: Path) -> None:
     assert loss[2] < 0.9 * loss[0]
     network = load_hand_keypoints(Path(_stored(made, tmp_path)["weights_file"][0].as_py()))
     assert (network.config.num_joints, network.config.image_size_px) == (17, 96)
+
+
+def test_a_training_goes_on_from_weights_of_the_same_shape(keypoints: Any, tmp_path: Path) -> None:
+    path = Path(_stored(*keypoints)["weights_file"][0].as_py())
+    crops, labels = hand_tables(12)
+    going_on = {"start_from": str(path), "learning_rate": 1e-12, "weight_decay": 0.0}
+    config = _config(train_keypoints.STAGE, **NET, image_size_px=64, **going_on)
+    made = _run(train_keypoints.STAGE, config, {"crops": crops, "labels": labels}, tmp_path / "a")
+    card = json.loads(made["weights"]["card"][0].as_py())
+    assert card["start"] == str(path)
+    assert made["curve"]["loss"][0].as_py() < 0.95 * keypoints[0]["curve"]["loss"][0].as_py()
+    before, after = (
+        dict(load_hand_keypoints(p).named_parameters()) for p in (path, tmp_path / "a" / "weights.safetensors")
+    )
+    assert all(torch.allclose(after[name], before[name], atol=1e-6) for name in before)
+    other = _config(train_keypoints.STAGE, **NET, image_size_px=32, start_from=str(path))
+    with pytest.raises(ValueError, match="of a network with image_size_px=64: train one of that shape"):
+        _run(train_keypoints.STAGE, other, {"crops": crops, "labels": labels}, tmp_path / "b")
+
+
+def test_what_a_training_starts_from_is_part_of_its_key(keypoints: Any) -> None:
+    path = Path(_stored(*keypoints)["weights_file"][0].as_py())
+    externals = train_keypoints.STAGE.externals
+    assert externals(_config(train_keypoints.STAGE, start_from=str(path)), "set") == {"start": digest_file(path)}
+    assert externals(_config(train_keypoints.STAGE, **NET), "set") == {}
+    with pytest.raises(ValueError, match=r"There are no weights at .*absent\.safetensors"):
+        externals(_config(train_keypoints.STAGE, start_from="absent.safetensors"), "set")
+
+
+@pytest.mark.parametrize(("share", "border"), [(0.02, 9), (0.25, 9), (0.26, 9), (0.5, 6), (0.75, 3), (0.99, 3)])
+def test_whole_takes_are_held_out_and_never_all(share: float, border: int) -> None:
+    assert first_held_out(TAKES, share) == border
+
+
+def test_one_take_alone_cannot_be_split() -> None:
+    with pytest.raises(ValueError, match="train on two takes or more"):
+        first_held_out(TAKES.slice(0, 1), 0.1)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"num_voxels": 36}, "num_voxels=36 must be a multiple of 8 for v2v=slim"),
+        ({"num_voxels": 48, "v2v": "reference"}, "must be a multiple of 32 for v2v=reference"),
+        ({"augmentation": {"min_views": 4, "max_views": 3}}, "min_views=4 must not be above max_views=3"),
+    ],
+)
+def test_what_could_only_fail_later_is_refused_at_once(changes: dict[str, Any], message: str) -> None:
+    values = yaml.safe_load((CONF / "train_mvexonet.yaml").read_text())
+    values["augmentation"] |= changes.pop("augmentation", {})
+    with pytest.raises(ValidationError, match=message):
+        train_mvexonet.TrainMvexonetConfig.model_validate({**values, **changes})
