@@ -16,7 +16,7 @@ from assemblyhands_core.data.digests import FileDigests
 from assemblyhands_core.data.store import Store
 from pipeline import summary
 from pipeline.config import RunConfig, UserError
-from pipeline.evaluation import print_evaluation
+from pipeline.evaluation import kinds_of_sequences, print_evaluation
 from pipeline.executors import open_executor, resolve_workers
 from pipeline.garbage import find_garbage
 from pipeline.history import History
@@ -82,8 +82,9 @@ def _run(config: RunConfig, console: Console, command_line: str) -> int:
     summary.print_quality(console, folder)
     summary.print_rounds(console, folder)
     summary.print_weights(console, folder)
-    print_evaluation(console, config, folder)
-    write_report(console, config, folder)
+    kinds = kinds_of_sequences(config)
+    print_evaluation(console, config, folder, kinds)
+    write_report(console, config, folder, kinds)
     summary.print_keypoints(console, folder)
     summary.print_times(console, found, started)
     _say(console, f"results: {folder}")

@@ -149,7 +149,7 @@ def build_dag(num_rounds: int = 3) -> Dag:
     evaluations = _add_evaluation(dag, num_rounds)
     dag.targets |= {
         "annotate": ("quality", "overlay", *evaluations),
-        "smooth": ("quality", "overlay", *evaluations, "smoothed"),
+        "smooth": ("quality", "overlay", *evaluations, "smoothed", "evaluation_smoothed"),
         "evaluate": (*evaluations, "evaluation_bound"),
         "doctor": ("audit",),
         "undistort": ("undistort",),
@@ -230,10 +230,10 @@ def _add_rounds(dag: Dag, num_rounds: int) -> None:
     Round 1 is there even where none is wanted, so that the parameters of its stage are known.
     """
     for number in range(1, max(num_rounds, 1) + 1):
-        _add_round(dag, f"round_{number}", f"round_{number - 1}", f"round_{max(number - 2, 0)}")
+        _add_round(dag, f"round_{number}", "round_0", f"round_{number - 1}", f"round_{max(number - 2, 0)}")
 
 
-def _add_round(dag: Dag, name: str, before: str, earlier: str) -> None:
+def _add_round(dag: Dag, name: str, first: str, before: str, earlier: str) -> None:
     dag.add(
         name,
         annotate_round.STAGE,
@@ -242,6 +242,7 @@ def _add_round(dag: Dag, name: str, before: str, earlier: str) -> None:
         hand_boxes="detect_hands.hand_boxes",
         crops="crop_hands.crops",
         keypoints="detect_keypoints.keypoints",
+        triangulated=f"{first}.joints",
         joints=f"{before}.joints",
         earlier_joints=f"{earlier}.joints",
     )
@@ -289,12 +290,17 @@ def _add_evaluation(dag: Dag, num_rounds: int) -> tuple[str, ...]:
     Beside them the upper bound: a round that starts from the truth, which nothing but its own evaluation reads.
     """
     dag.add("true_start", start_from_truth.STAGE, truth=TRUTH_EDGE, chunks="ingest.chunks")
-    _add_round(dag, "upper_bound", "true_start", "true_start")
-    dag.add("evaluation_bound", evaluate.STAGE, truth=TRUTH_EDGE, joints="upper_bound.joints")
+    _add_round(dag, "upper_bound", *["true_start"] * 3)
+    _add_one_evaluation(dag, "evaluation_bound", "upper_bound")
+    _add_one_evaluation(dag, "evaluation_smoothed", "smoothed")
     names = tuple(f"evaluation_{number}" for number in range(num_rounds + 1))
     for number, name in enumerate(names):
-        dag.add(name, evaluate.STAGE, truth=TRUTH_EDGE, joints=f"round_{number}.joints")
+        _add_one_evaluation(dag, name, f"round_{number}")
     return names
+
+
+def _add_one_evaluation(dag: Dag, name: str, judged: str) -> None:
+    dag.add(name, evaluate.STAGE, chunks="ingest.chunks", truth=TRUTH_EDGE, joints=f"{judged}.joints")
 
 
 LOOKING_TARGETS: Final = frozenset({"doctor"})

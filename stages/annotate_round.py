@@ -7,20 +7,23 @@ count: then the joints of the round before are kept, and the table `rounds` says
 from collections.abc import Mapping, Sequence
 from itertools import compress
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Self
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import Field
+import pyarrow.compute as pc
+from pydantic import Field, model_validator
 
 from assemblyhands_core.data.arrays import to_numpy
 from assemblyhands_core.data.camera_rows import valid_cameras
 from assemblyhands_core.data.catalog import CROPS, HAND_BOXES, JOINTS, KEYPOINTS, RECTIFIED_VIEWS, ROUNDS, VIEWS
 from assemblyhands_core.data.digests import digest_file
-from assemblyhands_core.data.hand_crops import HandKey, stored_hands
+from assemblyhands_core.data.hand_crops import stored_hands
 from assemblyhands_core.data.keypoint_rows import distances_px, keypoints_by_view, positions, rows_of_hands
+from assemblyhands_core.data.round_guard import Estimates, doubts
 from assemblyhands_core.data.round_outcomes import (
     CONVERGED,
+    KEPT,
     NO_ROOT,
     TOO_FEW_VIEWS,
     RoundOutcome,
@@ -36,8 +39,8 @@ from assemblyhands_core.data.rounds import (
     joints_or_nan,
     known_hands,
 )
-from assemblyhands_core.hands.divergence import Course, Divergence, Limits, Step, divergence, unsteadiness
-from assemblyhands_core.hands.joints import HANDS, NUM_JOINTS, WRIST
+from assemblyhands_core.hands.divergence import Limits
+from assemblyhands_core.hands.joints import NUM_JOINTS
 from stages._contract import Context, Stage, StageConfig, Tables
 
 SHIPPED_WEIGHTS: Final = "weights/mvexonet.safetensors"
@@ -58,7 +61,14 @@ class GuardConfig(StageConfig):
     max_reprojection_ratio: float = Field(ge=1)
     min_reprojection_px: float = Field(ge=0)
     max_spread_ratio: float = Field(ge=1)
+    max_course_px_ratio: float = Field(ge=1)
     min_instants: int = Field(ge=2)
+
+    @model_validator(mode="after")
+    def _bounds_are_in_order(self) -> Self:
+        if self.min_size >= self.max_size:
+            raise ValueError(f"min_size={self.min_size} has to be below max_size={self.max_size}")
+        return self
 
     def limits(self) -> Limits:
         """Return it as the guard takes it."""
@@ -98,27 +108,17 @@ def run(config: AnnotateRoundConfig, inputs: Tables, context: Context) -> Tables
     windows = _windows(config, known, inputs)
     reason, note = _reasons_not_to_ask(config, windows, inputs)
     joints, confidence = _asked(config, windows, reason == "", context)
-    cameras = valid_cameras(inputs["views"])
-    seen_px = _keypoints(config, inputs, list(cameras))
-    now_px, before_px = (
-        distances_px(points, list(cameras.values()), seen_px) for points in (joints, joints_or_nan(previous))
-    )
-    by_key = {hand.key: hand for hand in known}
-    is_judged = to_numpy(previous["round"]) != TRUE_ROUND  # beside the truth every estimate looks bad
-    for index in np.flatnonzero(is_judged & (reason == "")).tolist():
-        doubt = _doubt(known[index], by_key, joints[index], now_px[index], before_px[index], config.guard.limits())
-        reason[index], note[index] = doubt or ("", "")
-    for rows in _courses(known, is_judged & (reason == "")):
-        doubt = _doubt_of_all(joints[rows], joints_or_nan(previous)[rows], now_px[rows], before_px[rows], config)
-        reason[rows], note[rows] = doubt or ("", "")
+    estimates = _beside_others(config, inputs, known, joints)
+    is_judged = (reason == "") & (to_numpy(previous["round"]) != TRUE_ROUND)  # beside the truth every estimate is bad
+    doubt, figures = doubts(estimates, is_judged, config.guard.limits())
     outcome = RoundOutcome(
         previous=previous,
         windows=windows,
         joints_world_mm=joints,
         confidence=confidence,
-        reprojection_px=mean_of_known(now_px, axis=1),
-        reason=reason,
-        note=note,
+        reprojection_px=mean_of_known(estimates.distances_px, axis=1),
+        reason=np.where(doubt == "", reason, doubt),
+        note=np.where(doubt == "", note, figures),
         min_confidence=config.min_confidence,
     )
     return {"joints": outcome.joints(), "rounds": outcome.rounds()}
@@ -136,9 +136,10 @@ def _reasons_not_to_ask(
 ) -> tuple[Texts, Texts]:
     """Return for each hand why the network is not asked, empty where it is, and the same with figures."""
     moved_mm = displacement_mm(joints_or_nan(inputs["joints"]), _earlier(inputs))
+    is_own = ~pc.starts_with(inputs["joints"]["source"], KEPT).to_numpy(zero_copy_only=False)
     reason, note = (np.full(len(windows), "", dtype=object) for _ in range(2))
     for index, hand in enumerate(windows):
-        if moved_mm[index] < config.stop_below_mm:
+        if is_own[index] and moved_mm[index] < config.stop_below_mm:
             reason[index], note[index] = CONVERGED, f"moved {moved_mm[index]:.2f} mm in the round before"
         elif len(hand.views) < config.min_views:
             reason[index], note[index] = TOO_FEW_VIEWS, f"{len(hand.views)} views, {config.min_views} are needed"
@@ -156,6 +157,19 @@ def _earlier(inputs: Tables) -> Floats:
     points = np.full((previous.num_rows, NUM_JOINTS, 3), np.nan)
     points[is_earlier] = joints_or_nan(earlier)[place[is_earlier]]
     return points
+
+
+def _beside_others(
+    config: AnnotateRoundConfig, inputs: Tables, known: Sequence[KnownHand], joints: Floats
+) -> Estimates:
+    """Return the new joints with what they are judged by."""
+    previous, cameras = inputs["joints"], valid_cameras(inputs["views"])
+    place = rows_of_hands(previous, inputs["triangulated"])
+    triangulated = np.where((place >= 0)[:, None, None], joints_or_nan(inputs["triangulated"])[place], np.nan)
+    seen_px = _keypoints(config, inputs, list(cameras))
+    all_joints = (joints, joints_or_nan(previous), triangulated)
+    pixels = [distances_px(points, list(cameras.values()), seen_px) for points in all_joints]
+    return Estimates(known, joints, triangulated, *pixels)
 
 
 def _keypoints(config: AnnotateRoundConfig, inputs: Tables, camera_ids: list[str]) -> Floats:
@@ -183,48 +197,6 @@ def _asked(
     return joints, confidence
 
 
-def _doubt(
-    hand: KnownHand,
-    by_key: Mapping[HandKey, KnownHand],
-    joints: Floats,
-    now_px: Floats,
-    before_px: Floats,
-    limits: Limits,
-) -> Divergence | None:
-    """Return why the estimate of a hand is not believed; both (V, 21) errors count where both are known."""
-    other = by_key.get(hand.other_key)
-    is_comparable = np.isfinite(before_px) & np.isfinite(now_px)
-    step = Step(
-        joints_world_mm=joints,
-        root_world_mm=hand.root_world_mm,
-        wrist_world_mm=hand.joints_world_mm[WRIST],
-        other_root_world_mm=np.full(3, np.nan) if other is None else other.root_world_mm,
-        body_center_world_mm=hand.center_world_mm,
-        reprojection_px=_median(now_px[is_comparable]),
-        previous_reprojection_px=_median(before_px[is_comparable]),
-    )
-    return divergence(step, limits)
-
-
-def _courses(known: Sequence[KnownHand], is_believed: npt.NDArray[np.bool_]) -> list[npt.NDArray[np.int64]]:
-    """Return for each hand the rows of its instants that are believed one by one."""
-    sides = np.array([hand.key[2] for hand in known])
-    return [rows for side in HANDS if len(rows := np.flatnonzero(is_believed & (sides == side)))]
-
-
-def _doubt_of_all(
-    joints: Floats, previous: Floats, now_px: Floats, before_px: Floats, config: AnnotateRoundConfig
-) -> Divergence | None:
-    """Return why all estimates of a hand are not believed."""
-    is_comparable = np.isfinite(before_px) & np.isfinite(now_px)
-    pixels = _median(now_px[is_comparable]), _median(before_px[is_comparable])
-    return unsteadiness(Course(joints, previous, *pixels), config.guard.limits())
-
-
-def _median(values: Floats) -> float:
-    return float(np.median(values)) if len(values) else float("nan")
-
-
 def _externals(config: AnnotateRoundConfig, sequence_id: str) -> Mapping[str, str]:
     """Return the digest of the weights.
 
@@ -241,7 +213,7 @@ def _externals(config: AnnotateRoundConfig, sequence_id: str) -> Mapping[str, st
 
 STAGE = Stage(
     name="annotate_round",
-    version=2,
+    version=3,
     config=AnnotateRoundConfig,
     inputs={
         "views": VIEWS,
@@ -249,6 +221,7 @@ STAGE = Stage(
         "hand_boxes": HAND_BOXES,
         "crops": CROPS,
         "keypoints": KEYPOINTS,
+        "triangulated": JOINTS,
         "joints": JOINTS,
         "earlier_joints": JOINTS,
     },

@@ -11,10 +11,10 @@ import pyarrow.compute as pc
 from pydantic import Field, model_validator
 
 from assemblyhands_core.data.arrays import to_numpy
-from assemblyhands_core.data.catalog import ERRORS, EVALUATION, JOINTS, SOURCES
+from assemblyhands_core.data.catalog import CHUNKS, ERRORS, EVALUATION, JOINTS, SOURCES
 from assemblyhands_core.data.keypoint_rows import rows_of_hands
 from assemblyhands_core.data.round_outcomes import KEPT
-from assemblyhands_core.data.rounds import TRUE_ROUND, joints_or_nan
+from assemblyhands_core.data.rounds import SMOOTHED, TRUE_ROUND, joints_or_nan
 from assemblyhands_core.hands.joints import NUM_JOINTS
 from assemblyhands_core.metrics.annotation import Resampling, evaluate_annotation
 from assemblyhands_core.metrics.keypoints import joint_errors_mm, relative_to_wrist
@@ -48,8 +48,8 @@ class EvaluateConfig(StageConfig):
 
 def run(config: EvaluateConfig, inputs: Tables, context: Context) -> Tables:
     """Evaluate one sequence."""
-    truth = _read_truth(inputs["truth"], context.sequence_id)
-    joints = _found_itself(inputs["joints"])
+    truth = _of_chunks(_read_truth(inputs["truth"], context.sequence_id), inputs["chunks"])
+    joints = inputs["joints"]
     joints = joints.append_column("method", _methods(joints))
     by_method = [joints.filter(pc.equal(joints["method"], name)) for name in pc.unique(joints["method"])]
     errors = pa.concat_tables([ERRORS.empty(), *(_errors(truth, of_method) for of_method in by_method)])
@@ -74,20 +74,27 @@ def _read_truth(files: pa.Table, sequence_id: str) -> pa.Table:
 def _methods(joints: pa.Table) -> pa.Array:
     """Return what the paper's tables call each row: R1, R2, R3, and before them the way in which it was made."""
     rounds, sources = joints["round"].to_pylist(), joints["source"].to_pylist()
-    names = {0: None, TRUE_ROUND + 1: UPPER_BOUND}
-    return pa.array([names.get(k, f"R{k}") or source for k, source in zip(rounds, sources, strict=True)], pa.string())
+    return pa.array([_method(*row) for row in zip(rounds, sources, strict=True)], pa.string())
 
 
-def _found_itself(joints: pa.Table) -> pa.Table:
-    """Return the joints without those that a round kept from the truth: they are no estimate."""
-    return joints.filter(pc.invert(pc.equal(joints["source"], f"{KEPT}{TRUE_ROUND}")))
+def _method(number: int, source: str) -> str:
+    name = {0: source, TRUE_ROUND + 1: UPPER_BOUND}.get(number, f"R{number}")
+    return f"{name}, {SMOOTHED}" if number and source == SMOOTHED else name
+
+
+def _of_chunks(truth: pa.Table, chunks: pa.Table) -> pa.Table:
+    """Return the truth about the frames that were looked at: a run may be told to read the first ones alone."""
+    ends = (c["first_frame"] + c["num_frames"] for c in chunks.to_pylist())
+    return truth.filter(pc.field("frame") < max(ends, default=0))
 
 
 def _errors(truth: pa.Table, joints: pa.Table) -> pa.Table:
     """Return a method's errors at every true hand; a hand without a row is missing altogether."""
     place = _places(truth, joints)
-    predicted = np.full((truth.num_rows, NUM_JOINTS, 3), np.nan)
-    predicted[place] = joints_or_nan(joints)
+    is_true = pc.equal(joints["source"], f"{KEPT}{TRUE_ROUND}").to_numpy(zero_copy_only=False)  # that is no estimate
+    predicted, is_own = np.full((truth.num_rows, NUM_JOINTS, 3), np.nan), np.zeros(truth.num_rows, dtype=bool)
+    predicted[place] = np.where(is_true[:, None, None], np.nan, joints_or_nan(joints))
+    is_own[place] = ~pc.starts_with(joints["source"], KEPT).to_numpy(zero_copy_only=False)
     true = to_numpy(truth["joints_world_mm"]).reshape(-1, NUM_JOINTS, 3).astype(np.float64)
     is_labelled = np.asarray(np.isfinite(true).all(axis=-1))
     return ERRORS.build(
@@ -99,6 +106,7 @@ def _errors(truth: pa.Table, joints: pa.Table) -> pa.Table:
                 relative_to_wrist(predicted), relative_to_wrist(true), is_labelled
             ),
             "is_labelled": is_labelled,
+            "is_own": is_own,
             "occlusion_rate": truth["exo_occlusion_rate"],
         }
     )
@@ -118,9 +126,9 @@ def _places(truth: pa.Table, joints: pa.Table) -> npt.NDArray[np.int64]:
 
 STAGE = Stage(
     name="evaluate",
-    version=1,
+    version=2,
     config=EvaluateConfig,
-    inputs={"truth": SOURCES, "joints": JOINTS},
+    inputs={"chunks": CHUNKS, "truth": SOURCES, "joints": JOINTS},
     outputs={"errors": ERRORS, "metrics": EVALUATION},
     run=run,
     shard="sequence",

@@ -14,13 +14,11 @@ from pydantic import Field
 from assemblyhands_core.data.arrays import to_numpy
 from assemblyhands_core.data.catalog import JOINTS
 from assemblyhands_core.data.keypoint_rows import positions
-from assemblyhands_core.data.rounds import joints_or_nan
+from assemblyhands_core.data.rounds import SMOOTHED, joints_or_nan
 from assemblyhands_core.geometry.smoothing import SmoothingRule, smooth
 from assemblyhands_core.hands.constant_bones import with_constant_bones
 from assemblyhands_core.hands.joints import HANDS
 from stages._contract import Context, Stage, StageConfig, Tables
-
-SOURCE = "smoothed"
 
 Floats = npt.NDArray[np.floating[Any]]
 Flags = npt.NDArray[np.bool_]
@@ -49,7 +47,7 @@ def run(config: SmoothJointsConfig, inputs: Tables, context: Context) -> Tables:
                 "reason": np.where(is_filled, "", to_numpy(joints["reason"])),
                 "num_views": np.where(is_filled, 0, to_numpy(joints["num_views"])),
                 "reprojection_px": np.where(is_filled, np.nan, to_numpy(joints["reprojection_px"])),
-                "source": [SOURCE] * len(points),
+                "source": [SMOOTHED] * len(points),
             }
         )
     }

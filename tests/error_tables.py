@@ -33,6 +33,7 @@ def errors_table(
             "error_mm": flat,
             "wrist_relative_error_mm": flat / 2,
             "is_labelled": np.ones_like(flat, dtype=bool),
+            "is_own": np.ones(len(flat), dtype=bool),
             "verb": [verbs[frame % len(verbs)] for frame in frames],
             "occlusion_rate": [occlusion[frame % len(occlusion)] for frame in frames],
         }

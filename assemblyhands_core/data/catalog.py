@@ -315,7 +315,7 @@ QUALITY: Final = TableSpec(
 )
 ERRORS: Final = TableSpec(
     "errors",
-    1,
+    2,
     ("sequence_id", "frame", "hand", "method"),
     pa.schema(
         [
@@ -324,6 +324,7 @@ ERRORS: Final = TableSpec(
             ("error_mm", _each(pa.float32(), NUM_JOINTS)),  # distance to the truth; NaN where the joint is missing
             ("wrist_relative_error_mm", _each(pa.float32(), NUM_JOINTS)),  # with both wrists moved to the origin
             ("is_labelled", _each(_FLAG, NUM_JOINTS)),  # the truth is known
+            ("is_own", _FLAG),  # the method found these joints itself, instead of keeping those of another
             ("verb", _TEXT),  # what is being done; empty between actions
             ("occlusion_rate", pa.float32()),  # of both hands' joints over the exocentric views, NaN if unknown
         ]

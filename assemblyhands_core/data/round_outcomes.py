@@ -16,6 +16,7 @@ from assemblyhands_core.hands.joints import NUM_JOINTS
 CONVERGED: Final = "converged"
 TOO_FEW_VIEWS: Final = "too_few_views"
 NO_ROOT: Final = "no_root"
+LOW_CONFIDENCE: Final = "low_confidence"
 KEPT: Final = "kept_round_"
 """How the source of joints begins that are an earlier round's; its number follows."""
 _SOURCE: Final = "mvexonet"
@@ -31,7 +32,7 @@ class RoundOutcome:
         joints_world_mm: New estimate; NaN where none was made.
         confidence: Of each joint; NaN where none was made.
         reprojection_px: Of each joint, mean over the views with a keypoint; NaN where there is none.
-        reason: Why a hand does not get the new estimate; empty if it does.
+        reason: Why a hand does not get the new estimate; empty if it does, joint by joint.
         note: The same with figures.
         min_confidence: Joints below are missing.
     """
@@ -47,9 +48,15 @@ class RoundOutcome:
 
     @property
     def is_kept(self) -> Bool[np.ndarray, " hand"]:
-        """Which hands keep the joints of the round before: those that have any and lack nothing to look at."""
+        """Which hands keep the joints of the round before: those that have any there and no new one."""
         has_any = to_numpy(self.previous["valid"]).astype(bool).any(axis=1)
-        return np.asarray(has_any & ~np.isin(self.reason, ["", TOO_FEW_VIEWS, NO_ROOT]))
+        return np.asarray(has_any & (self.hand_reason != ""))
+
+    @property
+    def hand_reason(self) -> Shaped[np.ndarray, " hand"]:
+        """Why hands have no new joint at all; empty if they have."""
+        is_unsure = (self.reason == "") & ~(self.confidence >= self.min_confidence).any(axis=1)
+        return np.where(is_unsure, LOW_CONFIDENCE, self.reason)
 
     def joints(self) -> pa.Table:
         """Return the joints of this round, those of the round before where they are kept."""
@@ -77,7 +84,7 @@ class RoundOutcome:
                 "kept_round": [
                     _origin(*pair) for pair in zip(joints["source"].to_pylist(), self._round(), strict=True)
                 ],
-                "reason": self.reason,
+                "reason": self.hand_reason,
                 "note": self.note,
             }
         )
@@ -88,7 +95,7 @@ class RoundOutcome:
     def _new(self) -> Mapping[str, Shaped[np.ndarray, "hand _value"]]:
         """Return the columns of the new estimate."""
         is_sure = self.confidence >= self.min_confidence
-        by_joint = np.where(is_sure, "", "low_confidence").astype(object)
+        by_joint = np.where(is_sure, "", LOW_CONFIDENCE).astype(object)
         reasons = np.where((self.reason == "")[:, None], by_joint, self.reason[:, None])
         is_valid = np.asarray(reasons == "")
         points = np.where(is_valid[..., None], self.joints_world_mm, np.nan)

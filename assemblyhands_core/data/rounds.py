@@ -18,6 +18,8 @@ from assemblyhands_core.geometry.crops import square_box
 from assemblyhands_core.hands.joints import HANDS, NUM_JOINTS, ROOT
 
 BoxSource = Literal["joints", "detected"]
+SMOOTHED: Final = "smoothed"
+"""Source of joints that were cleaned up over time."""
 TRUE_ROUND: Final = 100
 """The round of joints that are the truth: those made from them are an upper bound, and no annotation."""
 _KEY: Final = ("sequence_id", "frame", "hand")

@@ -25,7 +25,8 @@ class Limits:
         max_bone_mm: Longest bone.
         max_reprojection_ratio: Reprojection error over that of the round before.
         min_reprojection_px: Errors below are never too large.
-        max_spread_ratio: Spread of the bones' lengths over time, over that of the round before.
+        max_spread_ratio: Spread of the bones' lengths over time, over that of 2D + triangulation ...
+        max_course_px_ratio: ... where the course's reprojection error over that of 2D + triangulation is large, too.
         min_instants: Spread over fewer says nothing.
     """
 
@@ -37,6 +38,7 @@ class Limits:
     max_reprojection_ratio: float
     min_reprojection_px: float
     max_spread_ratio: float
+    max_course_px_ratio: float
     min_instants: int
 
 
@@ -77,31 +79,35 @@ def divergence(step: Step, limits: Limits) -> Divergence | None:
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """New estimates of one hand over time, beside those of the round before.
+    """New estimates of one hand over time, beside those of 2D + triangulation.
 
     Attributes:
-        joints_world_mm, previous_world_mm: NaN where unknown.
-        reprojection_px, previous_reprojection_px: Medians over all instants, against the same 2D keypoints.
+        joints_world_mm, triangulated_world_mm: NaN where unknown.
+        reprojection_px, triangulated_reprojection_px: Medians over all instants, against the same 2D keypoints.
     """
 
     joints_world_mm: Float[np.ndarray, "instant joint=21 3"]
-    previous_world_mm: Float[np.ndarray, "instant joint=21 3"]
+    triangulated_world_mm: Float[np.ndarray, "instant joint=21 3"]
     reprojection_px: float
-    previous_reprojection_px: float
+    triangulated_reprojection_px: float
 
 
 def unsteadiness(course: Course, limits: Limits) -> Divergence | None:
-    """Return why the round before was the better one all along, none if it was not.
+    """Return why 2D + triangulation was the better one all along, none if it was not.
 
-    It was if the hand kept its shape better then and fitted its 2D keypoints better, too. That alone would say little:
-    2D + triangulation fits them as closely as can be, errors and all.
+    It was if the hand kept its shape better there and fitted its 2D keypoints better, too. That alone would say little:
+    2D + triangulation fits them as closely as can be, errors and all. Joints count at instants where both know them.
     """
-    now_mm, before_mm = bones_spread_mm(course.joints_world_mm), bones_spread_mm(course.previous_world_mm)
-    is_less_steady = len(course.joints_world_mm) >= limits.min_instants and now_mm > limits.max_spread_ratio * before_mm
-    if is_less_steady and course.reprojection_px > course.previous_reprojection_px:
-        bones = f"bones vary by {now_mm:.1f} mm, before {before_mm:.1f} mm"
-        pixels = f"{course.reprojection_px:.1f} px from the 2D keypoints, before {course.previous_reprojection_px:.1f}"
-        return Divergence("unsteady", f"{bones}; {pixels} px")
+    is_common = np.isfinite(course.joints_world_mm + course.triangulated_world_mm).all(axis=-1)
+    now_mm, first_mm = (
+        bones_spread_mm(np.where(is_common[..., None], points, np.nan))
+        for points in (course.joints_world_mm, course.triangulated_world_mm)
+    )
+    now_px, first_px = course.reprojection_px, course.triangulated_reprojection_px
+    is_long = int(is_common.any(axis=1).sum()) >= limits.min_instants
+    if is_long and now_mm > limits.max_spread_ratio * first_mm and now_px > limits.max_course_px_ratio * first_px:
+        bones = f"bones vary by {now_mm:.1f} mm, {first_mm:.1f} mm in 2D + triangulation"
+        return Divergence("unsteady", f"{bones}; {now_px:.1f} px from the 2D keypoints, {first_px:.1f} px there")
     return None
 
 

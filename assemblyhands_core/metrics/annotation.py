@@ -2,7 +2,8 @@
 
 One line for each method, group and metric, with a bootstrap interval over blocks of instants. ``mpjpe_mm`` is over the
 joints that the method found and so goes with its coverage; ``pck_auc`` counts missing joints as wrong, as the paper
-does; ``pck_auc_found`` is its other form, over the found joints alone.
+does; ``pck_auc_found`` is its other form, over the found joints alone. ``own`` is the share of the found joints that a
+round found itself: the others are those of an earlier one, which it kept.
 """
 
 from collections.abc import Iterable, Iterator
@@ -104,6 +105,7 @@ def method_quantities(rows: ErrorRows) -> dict[str, Quantity]:
         "pck_auc_found": masked(area, found),
         "pck_20mm": masked(100.0 * (error_mm <= MAX_MM), labelled),
         "coverage": masked(100.0 * found, labelled),
+        "own": masked(100.0 * (found & rows.is_own[:, None]), found),
     }
 
 

@@ -22,6 +22,7 @@ class ErrorRows:
         error_mm: NaN where a joint is missing.
         wrist_relative_error_mm: Likewise, after the hands' wrists were put onto each other.
         is_labelled: Where the truth is known.
+        is_own: Whether the method found the hand itself, instead of keeping what another one found.
         block: Which stretch of which sequence a row belongs to, counted from 0.
         num_blocks: How many there are.
     """
@@ -34,6 +35,7 @@ class ErrorRows:
     error_mm: Float[np.ndarray, "row joint=21"]
     wrist_relative_error_mm: Float[np.ndarray, "row joint=21"]
     is_labelled: Bool[np.ndarray, "row joint=21"]
+    is_own: Bool[np.ndarray, " row"]
     block: Int[np.ndarray, " row"]
     num_blocks: int
 
@@ -65,7 +67,7 @@ def _rows(table: pa.Table, block_frames: int) -> ErrorRows:
     sequence, frame = to_numpy(table["sequence_id"]), to_numpy(table["frame"])
     _, number = np.unique(sequence.astype(str), return_inverse=True)
     _, block = np.unique(np.stack([number, frame // block_frames], axis=1), axis=0, return_inverse=True)
-    columns = {name: to_numpy(table[name]) for name in ("hand", "verb", "is_labelled")}
+    columns = {name: to_numpy(table[name]) for name in ("hand", "verb", "is_labelled", "is_own")}
     floats = ("occlusion_rate", "error_mm", "wrist_relative_error_mm")
     return ErrorRows(
         sequence_id=sequence,

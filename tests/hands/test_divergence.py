@@ -17,6 +17,7 @@ LIMITS = Limits(
     max_bone_mm=120.0,
     max_reprojection_ratio=2.0,
     max_spread_ratio=1.25,
+    max_course_px_ratio=1.5,
     min_instants=2,
     min_reprojection_px=10.0,
 )
@@ -83,16 +84,25 @@ def test_reprojection_has_to_be_both_large_and_much_larger() -> None:
 
 
 def _course(scale: float, *pixels: float, num_instants: int = 4) -> Course:
-    """A hand that alternates between two sizes, scale apart; before it alternated by one per cent."""
+    """A hand that alternates between two sizes, scale apart; in 2D + triangulation it alternates by one per cent."""
     sizes = np.resize([1.0, scale], num_instants), np.resize([1.0, 1.01], num_instants)
     return Course(*(size[:, None, None] * HAND_MM for size in sizes), *pixels)
 
 
 def test_a_hand_whose_bones_vary_more_is_less_believed_only_if_it_fits_its_keypoints_worse_too() -> None:
-    found = unsteadiness(_course(1.02, 5.0, 4.0), LIMITS)
-    assert found is not None and found.reason == "unsteady" and "5.0 px from the 2D keypoints, before 4.0" in found.note
-    assert unsteadiness(_course(1.02, 4.0, 5.0), LIMITS) is None, "fits better"
-    assert unsteadiness(_course(1.0124, 5.0, 4.0), LIMITS) is None, "varies hardly more"
-    assert unsteadiness(_course(1.0126, 5.0, 4.0), LIMITS) is not None
-    assert unsteadiness(_course(1.02, 5.0, 4.0, num_instants=1), LIMITS) is None, "nothing to vary"
+    found = unsteadiness(_course(1.02, 6.1, 4.0), LIMITS)
+    assert found is not None and found.reason == "unsteady" and "6.1 px from the 2D keypoints, 4.0 px" in found.note
+    assert unsteadiness(_course(1.02, 5.9, 4.0), LIMITS) is None, "fits hardly worse"
+    assert unsteadiness(_course(1.0124, 6.1, 4.0), LIMITS) is None, "varies hardly more"
+    assert unsteadiness(_course(1.0126, 6.1, 4.0), LIMITS) is not None
+    assert unsteadiness(_course(1.02, 6.1, 4.0, num_instants=1), LIMITS) is None, "nothing to vary"
     assert unsteadiness(_course(1.02, float("nan"), 4.0), LIMITS) is None, "no keypoints"
+
+
+def test_only_instants_count_that_both_know() -> None:
+    """In 2D + triangulation the hand is known at the easy instants alone: there the new one varies as little."""
+    course = _course(1.01, 9.0, 4.0, num_instants=8)
+    course.joints_world_mm[4:] *= 1.5
+    assert unsteadiness(course, LIMITS) is not None
+    course.triangulated_world_mm[4:] = np.nan
+    assert unsteadiness(course, LIMITS) is None

@@ -13,10 +13,10 @@ from pipeline.config import RunConfig
 from pipeline.evaluation import print_evaluation
 
 
-def _said(run: Path) -> str:
+def _said(run: Path, **kinds: str) -> str:
     text = io.StringIO()
     config = cast(RunConfig, SimpleNamespace(stages={"evaluate": CONFIG}))
-    print_evaluation(Console(file=text, width=200), config, run)
+    print_evaluation(Console(file=text, width=200), config, run, kinds)
     return text.getvalue()
 
 
@@ -42,5 +42,15 @@ def test_sequences_are_pooled_and_methods_compared_where_all_are_there(tmp_path:
         write_evaluation(tmp_path, name, _errors(name, 1.0, 0.5))
     write_evaluation(tmp_path, "failed", _errors("failed", 9.0))
     said = _said(tmp_path)
-    assert "failed against" in said and "2 sequences together against the simulator's truth" in said
+    assert "failed against" in said and "all: 2 sequences together against the simulator's truth" in said
+    assert "failed is not in the figures over all sequences: not all methods were evaluated there" in said
     assert "methods in pairs" in said and "0.50" in said.split("methods in pairs")[1]
+
+
+def test_rigs_and_splits_are_not_pooled_with_one_another(tmp_path: Path) -> None:
+    for name, scale in (("monday", 0.5), ("tuesday", 0.5), ("workshop", 0.9)):
+        write_evaluation(tmp_path, name, _errors(name, 1.0, scale))
+    said = _said(tmp_path, monday="assembly test", tuesday="assembly test", workshop="desktop test")
+    first, second = said.split("all desktop test: 1 sequences, methods in pairs")
+    assert "all assembly test: 2 sequences together" in first and "0.50" in first.split("in pairs")[1]
+    assert "0.90" in second and "0.50" not in second

@@ -15,18 +15,19 @@ from rich.console import Console
 from assemblyhands_core.data.rounds import WindowRule
 from pipeline import report
 from pipeline.config import RunConfig
-from pipeline.report import POOLED, write_report
+from pipeline.evaluation import POOLED
+from pipeline.report import write_report
 from stages.evaluate import UPPER_BOUND
 
 FILES = ["metrics.csv", "pck_curves.png", "error_by_round.png", "crops_by_round.png"]
 
 
-def _report(run: Path, target: str = "evaluate") -> str:
+def _report(run: Path, target: str = "evaluate", kinds: dict[str, str] | None = None) -> str:
     """Return what is said when a run's report is written."""
     text = io.StringIO()
     annotating = SimpleNamespace(window_rule=lambda: WindowRule(gamma=1.5, min_joints=11, min_inside=0.5))
     config = SimpleNamespace(target=target, stages={"evaluate": CONFIG, "annotate_round": annotating})
-    write_report(Console(file=text, width=40), cast(RunConfig, config), run)
+    write_report(Console(file=text, width=40), cast(RunConfig, config), run, kinds or {})
     return text.getvalue()
 
 
@@ -159,3 +160,14 @@ def test_only_who_asks_for_an_evaluation_gets_a_report(tmp_path: Path) -> None:
     write_rounds(tmp_path, "monday", 0, [(0, 5, 6)])
     assert _report(tmp_path, target="annotate") == "" and not (tmp_path / "report").exists()
     assert "crops_by_round.png" in _report(tmp_path) and (tmp_path / "report" / "crops_by_round.png").exists()
+
+
+def test_rigs_have_figures_of_their_own(tmp_path: Path) -> None:
+    write_evaluation(tmp_path, "monday", _errors("monday", baseline=8.0, R1=4.0))
+    write_evaluation(tmp_path, "workshop", _errors("workshop", baseline=6.0, R1=5.0))
+    said = _report(tmp_path, kinds={"monday": "assembly test", "workshop": "desktop test"})
+    for name in ("pck_curves_assembly_test.png", "error_by_round_desktop_test.png"):
+        assert (tmp_path / "report" / name).is_file() and name in said
+    metrics = pd.read_csv(tmp_path / "report" / "metrics.csv").fillna({"group": ""})
+    for pool, value in (("all assembly test", 4.0), ("all desktop test", 5.0)):
+        assert _figure(metrics, pool, "annotation", "R1", "mpjpe_mm")["value"] == pytest.approx(value)

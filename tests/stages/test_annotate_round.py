@@ -34,6 +34,7 @@ GUARD = GuardConfig(
     max_bone_mm=150.0,
     max_reprojection_ratio=3.0,
     max_spread_ratio=1.25,
+    max_course_px_ratio=1.5,
     min_instants=8,
     min_reprojection_px=12.0,
 )
@@ -180,6 +181,7 @@ def scene(world: Any) -> Scene:
         "crops": _crops(rectified),
         "keypoints": _keypoints(world.cameras),
         "joints": _joints(),
+        "triangulated": _joints(),
         "earlier_joints": _joints(),
     }
     return Scene(world, inputs)
@@ -279,7 +281,7 @@ def test_with_few_joints_the_detected_box_and_without_root_the_bodys_centre_is_t
         np.testing.assert_allclose(seen[3], _center(key), atol=1e-4)
 
 
-def test_views_without_a_crop_are_not_used_and_too_few_give_no_joints(run: Any, scene: Scene) -> None:
+def test_views_without_a_crop_are_not_used_and_with_too_few_a_hand_keeps_its_joints(run: Any, scene: Scene) -> None:
     network = KnownAnswer(_moved())
     tables = run(network, {"crops": _crops(scene.rectified, ("b",))})
     assert all(seen[2].sum() == 3 for seen in network.seen)
@@ -288,7 +290,7 @@ def test_views_without_a_crop_are_not_used_and_too_few_give_no_joints(run: Any, 
     tables = run(network, {"crops": _crops(scene.rectified, ("a", "b", "c"))})
     assert not network.seen
     for row, detail in zip(tables["joints"], tables["rounds"], strict=True):
-        assert set(row["reason"]) == {"too_few_views"} and not any(row["valid"]) and np.isnan(_points(row)).all()
+        assert row["source"] == "kept_round_0" and all(row["valid"])
         assert (detail["reason"], detail["note"]) == ("too_few_views", "1 views, 2 are needed")
         assert detail["num_views"] == 1 and np.isnan(detail["confidence"])
     tables = run(network, {"crops": _crops(scene.rectified, ("a", "b", "c"))}, min_views=1)
@@ -302,7 +304,7 @@ def test_a_hand_that_nobody_can_place_has_its_reason(run: Any, scene: Scene) -> 
     unknown = {"hand_boxes": boxes.set_column(place, boxes.schema.field(place), nowhere)}
     rows = run(KnownAnswer(_moved()), unknown | {"joints": _joints(missing=(ROOT,))})
     assert {row["reason"] for row in rows["rounds"]} == {"no_root"}
-    assert all(set(row["reason"]) == {"no_root"} and row["source"] == "mvexonet" for row in rows["joints"])
+    assert all(row["reason"][ROOT] != "" and row["source"] == "kept_round_0" for row in rows["joints"])
     assert {row["reason"] for row in run(KnownAnswer(_moved()), unknown)["rounds"]} == {""}
 
 
@@ -316,9 +318,11 @@ def test_windows_that_leave_the_stored_crop_say_so(run: Any) -> None:
 
 def test_joints_that_the_network_is_not_sure_of_are_missing(run: Any) -> None:
     tables = run(KnownAnswer(_moved(), confidence=0.09))
-    for row in tables["joints"]:
-        assert set(row["reason"]) == {"low_confidence"} and np.isnan(_points(row)).all()
-    assert tables["rounds"][0]["confidence"] == pytest.approx(0.09) and tables["rounds"][0]["kept_round"] == 1
+    assert {row["source"] for row in tables["joints"]} == {"kept_round_0"}
+    assert {(row["reason"], row["kept_round"]) for row in tables["rounds"]} == {("low_confidence", 0)}
+    assert tables["rounds"][0]["confidence"] == pytest.approx(0.09)
+    nothing = run(KnownAnswer(_moved(), confidence=0.09), {"joints": _joints(missing=tuple(range(21)))})["joints"]
+    assert all(set(row["reason"]) == {"low_confidence"} and np.isnan(_points(row)).all() for row in nothing)
 
 
 def test_reprojection_is_against_the_keypoints_in_the_videos_own_pixels(run: Any, scene: Scene) -> None:
@@ -362,7 +366,7 @@ def test_a_hand_whose_bones_vary_and_that_fits_its_keypoints_worse_keeps_the_rou
     tables = run(KnownAnswer(answer), guard=GUARD.model_copy(update={"min_instants": 2}))
     reasons = [(row["hand"], row["reason"], row["kept_round"]) for row in tables["rounds"]]
     assert sorted(set(reasons)) == [("left", "", 1), ("right", "unsteady", 0)] and len(reasons) == 4
-    assert "before 0.0 mm" in tables["rounds"][0]["note"]
+    assert "0.0 mm in 2D + triangulation" in tables["rounds"][0]["note"]
     assert {row["reason"] for row in run(KnownAnswer(answer))["rounds"]} == {""}, "two instants say nothing by default"
 
 
@@ -400,6 +404,12 @@ def test_without_a_round_before_to_keep_what_is_not_believed_is_missing(run: Any
     for row, detail in zip(tables["joints"], tables["rounds"], strict=True):
         assert set(row["reason"]) == {"implausible_bones"} and np.isnan(_points(row)).all()
         assert detail["kept_round"] == 1 and np.isnan(detail["displacement_mm"])
+
+
+def test_a_hand_that_kept_its_joints_has_not_converged(run: Any) -> None:
+    network = KnownAnswer(_moved())
+    kept = {"joints": _joints(2, source="kept_round_1"), "earlier_joints": _joints(1)}
+    assert {row["reason"] for row in run(network, kept, stop_below_mm=2.0)["rounds"]} == {""} and len(network.seen) == 4
 
 
 def test_joints_that_are_kept_twice_still_tell_their_round(run: Any) -> None:

@@ -7,7 +7,7 @@ from pydantic import ValidationError
 from true_hands import NUM_FRAMES, TRUE_MM, write_truth
 
 from assemblyhands_core.data.arrays import to_numpy
-from assemblyhands_core.data.catalog import JOINTS
+from assemblyhands_core.data.catalog import CHUNKS, JOINTS
 from assemblyhands_core.hands.joints import HANDS, NUM_JOINTS, WRIST
 from stages._contract import Context, Tables
 from stages.evaluate import STAGE, EvaluateConfig
@@ -33,9 +33,11 @@ def _joints(points: np.ndarray, number: int = 0, first_frame: int = 0, **changes
     return JOINTS.build({**columns, **changes})
 
 
-def _run(folder: Path, joints: pa.Table, truth: pa.Table | None = None) -> Tables:
+def _run(folder: Path, joints: pa.Table, truth: pa.Table | None = None, num_frames: int = NUM_FRAMES) -> Tables:
     truth = write_truth(folder) if truth is None else truth
-    return STAGE.run(CONFIG, {"truth": truth, "joints": joints}, Context(folder, "s"))
+    chunk = {"sequence_id": "s", "chunk": 0, "first_frame": 0, "num_frames": num_frames}
+    inputs = {"chunks": CHUNKS.from_rows([chunk]), "truth": truth, "joints": joints}
+    return STAGE.run(CONFIG, inputs, Context(folder, "s"))
 
 
 def _value(made: Tables, table: str, group: str, metric: str) -> float:
@@ -82,6 +84,24 @@ def test_a_round_is_called_by_its_number_even_where_it_kept_an_earlier_one(tmp_p
     kept = ["kept_round_0", *["mvexonet"] * (2 * NUM_FRAMES - 1)]
     made = _run(tmp_path, _joints(TRUE_MM, 2, source=kept))
     assert set(made["errors"]["method"].to_pylist()) == {"R2"} == set(made["metrics"]["row"].to_pylist())
+    assert made["errors"]["is_own"].to_pylist() == [False] + [True] * (2 * NUM_FRAMES - 1)
+    assert _value(made, "annotation", "", "own") == pytest.approx(100 * (1 - 1 / (2 * NUM_FRAMES)))
+
+
+def test_smoothed_joints_are_a_method_of_their_own(tmp_path: Path) -> None:
+    made = _run(tmp_path, _joints(TRUE_MM, 3, source=["smoothed"] * 2 * NUM_FRAMES))
+    assert set(made["errors"]["method"].to_pylist()) == {"R3, smoothed"}
+
+
+def test_frames_that_nobody_was_to_look_at_are_not_missing(tmp_path: Path) -> None:
+    made = _run(tmp_path, _joints(TRUE_MM[:5]), num_frames=5)
+    assert made["errors"].num_rows == 10 and _value(made, "annotation", "", "coverage") == 100.0
+
+
+def test_an_upper_bound_that_found_nothing_itself_still_counts(tmp_path: Path) -> None:
+    made = _run(tmp_path, _joints(TRUE_MM, 101, source=["kept_round_100"] * 2 * NUM_FRAMES))
+    assert set(made["metrics"]["row"].to_pylist()) == {"true crops and root"}
+    assert _value(made, "annotation", "", "coverage") == 0.0 == _value(made, "annotation", "", "pck_auc")
 
 
 def test_without_any_joints_there_are_no_figures(tmp_path: Path) -> None:

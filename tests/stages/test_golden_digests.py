@@ -32,7 +32,7 @@ GOLDEN = {
     "undistort": (1, "8d20006ee7754658c663f02ecc039066e7ba023eb14905a56ba883de6db186c0"),
     "detect_hands": (1, "75c258a77896518217cdafbaf7966808b4a5d22ef1a75191be32bc583ac0f29f"),
     "triangulate": (1, "e6052b3b9cddc606731b798454631f69cd25f1f6fef2808f7c3620d633b37082"),
-    "annotate_round": (2, "3a716ad432b1ab69e32a4a28b62191ac79cd7f500996b66fb9c068b424821258"),
+    "annotate_round": (3, "3a716ad432b1ab69e32a4a28b62191ac79cd7f500996b66fb9c068b424821258"),
     "measure_quality": (2, "ad08f4d80d4374ea902915b169282a949128e2ef5545fdebe2e956d3c16aa4f6"),
     "smooth_joints": (1, "8a2a307361fd93919bf04c3d114dce64faf8147546ae1e20a875ea85a4bb3340"),
 }
@@ -78,7 +78,12 @@ def _run_all(world: Any) -> dict[str, tuple[Stage[Any], str]]:
     keypoints = _keypoints(world)
     joints = run(triangulate.STAGE, _TRIANGULATE, {"views": views, "keypoints": keypoints})
     inputs = {"views": views, **rectified, "hand_boxes": hands["hand_boxes"], "crops": _crops(rectified, hands)}
-    inputs |= {"keypoints": keypoints, "joints": joints["joints"], "earlier_joints": joints["joints"]}
+    inputs |= {
+        "keypoints": keypoints,
+        "triangulated": joints["joints"],
+        "joints": joints["joints"],
+        "earlier_joints": joints["joints"],
+    }
     annotated = run(annotate_round.STAGE, _ANNOTATE_ROUND, inputs)
     inputs = {"views": views, "bodies": hands["bodies"], "body_keypoints": hands["body_keypoints"]}
     inputs |= {"joints": annotated["joints"], "triangulated": joints["joints"], "residuals": joints["residuals"]}
@@ -137,6 +142,7 @@ _ANNOTATE_ROUND = {
         "max_reprojection_ratio": 1.2,
         "min_reprojection_px": 20.0,
         "max_spread_ratio": 1.25,
+        "max_course_px_ratio": 1.5,
         "min_instants": 8,
     },
 }
