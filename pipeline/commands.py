@@ -24,7 +24,7 @@ from pipeline.interrupts import interrupts_kept
 from pipeline.plan import make_plan, total_seconds
 from pipeline.progress import Progress
 from pipeline.publishing import publish
-from pipeline.recordings import select_recordings
+from pipeline.recordings import select_recordings, synthetic_sequences
 from pipeline.report import write_report
 from pipeline.runner import Runner, results
 from pipeline.takes import absent_takes, select_takes, studio_folder
@@ -80,7 +80,7 @@ def _run(config: RunConfig, console: Console, command_line: str) -> int:
     summary.print_audit(console, folder)
     summary.print_left_out(console, folder)
     summary.print_quality(console, folder)
-    summary.print_rounds(console, folder)
+    summary.print_rounds(console, folder, synthetic_sequences(config))
     summary.print_weights(console, folder)
     kinds = kinds_of_sequences(config)
     print_evaluation(console, config, folder, kinds)

@@ -13,7 +13,7 @@ from assemblyhands_core.data.split_files import EGO_SHARE
 from pipeline.config import RunConfig, UserError
 from pipeline.dag import EGO_EDGE, SOURCE_EDGE, TRUTH_EDGE
 from pipeline.manifests import MANIFESTS, ManifestRow, checked_name, select_rows
-from pipeline.takes import STUDIO_PACKAGE, studio_folder
+from pipeline.takes import CROPS_PACKAGE, STUDIO_PACKAGE, studio_folder
 
 
 @dataclass(frozen=True)
@@ -84,6 +84,15 @@ def select_recordings(config: RunConfig) -> list[Recording]:
     if config.rig.calibration is not None and config.rig.videos is not None:
         return [_recording(checked_name(config.seq), Path(config.rig.calibration), config.rig.videos)]
     return [_from_manifest(row, config.workspace) for row in select_rows(config)]
+
+
+def synthetic_sequences(config: RunConfig) -> frozenset[str]:
+    """Return which of the sequences that ``seq`` names are the studio's."""
+    if config.rig.calibration is not None:
+        return frozenset()
+    return frozenset(
+        row["sequence_id"] for row in select_rows(config) if row["package"] in (STUDIO_PACKAGE, CROPS_PACKAGE)
+    )
 
 
 def _from_manifest(row: ManifestRow, workspace: Path) -> Recording:

@@ -3,7 +3,7 @@
 import json
 import time
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 
 import pandas as pd
@@ -16,7 +16,7 @@ from rich.table import Table
 from pipeline.plan import PlannedNode
 from pipeline.tasks import Result
 from pipeline.view import node_digest
-from stages.annotate_round import SHIPPED_WEIGHTS
+from stages.annotate_round import SHIPPED_WEIGHTS, weights_path
 
 _ON_SHIPPED_WEIGHTS = (
     "MVExoNet's shipped weights have seen synthetic hands alone; on real ones the table 'agreement with 2D + "
@@ -98,8 +98,8 @@ def print_quality(console: Console, run: Path) -> None:
             console.print(f"picture: {real.parent / name}", markup=False, highlight=False, soft_wrap=True)
 
 
-def print_rounds(console: Console, run: Path) -> None:
-    """Print how the hands of each sequence came by their joints in each round."""
+def print_rounds(console: Console, run: Path, synthetic: Collection[str]) -> None:
+    """Print how the hands of each sequence came by their joints in each round, and of real ones what weights know."""
     strangers = []
     for path in sorted(run.glob("round_[1-9]/manifest.json")):
         for name, config in json.loads(path.read_text())["configs"].items():
@@ -107,8 +107,8 @@ def print_rounds(console: Console, run: Path) -> None:
             rounds = pa.concat_tables([pq.read_table(file.resolve()) for file in files]).to_pandas()
             line = f"{name}, {path.parent.name}: {_of_round(rounds)}"
             console.print(line, markup=False, highlight=False, soft_wrap=True)
-            is_synthetic = (run / "evaluation_0" / "errors" / f"{name}.parquet").exists()
-            strangers += [name] if config["weights"] == SHIPPED_WEIGHTS and not is_synthetic else []
+            is_shipped = weights_path(config["weights"]) == weights_path(SHIPPED_WEIGHTS)
+            strangers += [name] if is_shipped and name not in synthetic else []
     for name in dict.fromkeys(strangers):
         console.print(f"{name}: {_ON_SHIPPED_WEIGHTS}", markup=False, highlight=False, soft_wrap=True)
 
@@ -117,7 +117,8 @@ def _of_round(rounds: pd.DataFrame) -> str:
     """Return a round's hands in words: how many have a new estimate, and why the others have none."""
     counts = rounds["reason"].replace("", "estimated").value_counts()
     shares = ", ".join(f"{reason} {100 * count / len(rounds):.1f} %" for reason, count in counts.items())
-    return f"{len(rounds)} hands, {shares}; moved by {rounds['displacement_mm'].median():.1f} mm in the median"
+    moved_mm = rounds["displacement_mm"][rounds["reason"] == ""].median()
+    return f"{len(rounds)} hands, {shares}; new estimates moved by {moved_mm:.1f} mm in the median"
 
 
 def print_weights(console: Console, run: Path) -> None:

@@ -50,6 +50,11 @@ Floats = npt.NDArray[np.floating[Any]]
 Texts = npt.NDArray[np.object_]
 
 
+def weights_path(name: str) -> Path:
+    """Return where weights are: relative to the repository, or absolute."""
+    return (_REPOSITORY / name).resolve()
+
+
 class GuardConfig(StageConfig):
     """What is still believed of an estimate, see `divergence.Limits`."""
 
@@ -92,7 +97,7 @@ class AnnotateRoundConfig(StageConfig):
     @property
     def weights_path(self) -> Path:
         """Return where the weights are."""
-        return _REPOSITORY / self.weights
+        return weights_path(self.weights)
 
     def window_rule(self) -> WindowRule:
         """Return how windows are chosen."""

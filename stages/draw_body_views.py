@@ -33,6 +33,11 @@ class DrawBodyViewsConfig(StageConfig):
 def run(config: DrawBodyViewsConfig, inputs: Tables, context: Context) -> Tables:
     """Draw some views at some instants of one take."""
     (order,), (chunk,) = inputs["orders"].to_pylist(), inputs["chunks"].to_pylist()
+    if config.num_instants > chunk["num_frames"]:
+        raise ValueError(
+            f"draw_body_views.num_instants={config.num_instants} is more than the {chunk['num_frames']} of a take "
+            "(plan_crops.instants_per_take)"
+        )
     if chunk["chunk"] % config.every_nth_take:
         return {"labels": BODY_LABELS.empty()}
     subject = training_subject(order["split"], chunk["chunk"])

@@ -77,7 +77,9 @@ def _agreement(joints: pa.Table, triangulated: pa.Table) -> Iterator[Cell]:
     """Yield how far the joints are from those of 2D + triangulation, and whose bones are the more constant."""
     if to_numpy(joints["round"]).max(initial=0) == 0:
         return
-    own_mm, first_mm = joints_or_nan(joints), joints_or_nan(triangulated)[rows_of_hands(joints, triangulated)]
+    place = rows_of_hands(joints, triangulated)
+    own_mm, first_mm = joints_or_nan(joints), joints_or_nan(triangulated)[place]
+    own_px, first_px = to_numpy(joints["reprojection_px"]), to_numpy(triangulated["reprojection_px"])[place]
     is_kept = pc.starts_with(joints["source"], KEPT).to_numpy(zero_copy_only=False)
     for side in HANDS:
         of_side = _rows_of(joints, side)
@@ -86,6 +88,8 @@ def _agreement(joints: pa.Table, triangulated: pa.Table) -> Iterator[Cell]:
         yield table, side, "median distance (mm)", _median(apart_mm), len(apart_mm)
         yield table, side, "within 20 mm (%)", _percent(apart_mm <= _NEAR_MM), len(apart_mm)
         yield table, side, "hands kept from an earlier round (%)", _percent(is_kept[of_side]), int(of_side.sum())
+        for name, pixels in (("median reprojection (px)", own_px), ("median reprojection before (px)", first_px)):
+            yield table, side, name, _median(known := _known(pixels[of_side])), len(known)
         for name, points in (("bones' spread (mm)", own_mm), ("bones' spread before (mm)", first_mm)):
             yield table, side, name, bones_spread_mm(points[of_side]), sum(map(len, _bones_mm(points[of_side])))
 
@@ -101,12 +105,12 @@ def _wrists(inputs: Tables) -> Iterator[Cell]:
         error_px = to_numpy(residuals["residual_px"])[of_side, WRIST][is_inlier]
         body_is_there = to_numpy(bodies["valid"])[is_looked_at, ARMS[side].wrist]
         yield "wrist", side, "coverage (%)", _percent(is_there), len(is_there)
-        yield "wrist", side, "median reprojection of inliers (px)", _median(error_px), len(error_px)
+        yield "wrist", side, "median reprojection of 2D + triangulation (px)", _median(error_px), len(error_px)
         yield "wrist", side, "coverage of the body's (%)", _percent(body_is_there), len(body_is_there)
 
 
 def _reprojection(residuals: pa.Table) -> Iterator[Cell]:
-    """Yield the median reprojection error of inliers by joint and camera, and over all joints."""
+    """Yield the median reprojection error of the triangulation's inliers by joint and camera, and over all joints."""
     camera = to_numpy(residuals["camera_id"])
     error_px = np.where(to_numpy(residuals["is_inlier"]), to_numpy(residuals["residual_px"]), np.nan)
     for name in dict.fromkeys(camera):
@@ -114,7 +118,7 @@ def _reprojection(residuals: pa.Table) -> Iterator[Cell]:
         columns = {**{joint: of_camera[:, j] for j, joint in enumerate(JOINT_NAMES)}, "all joints": of_camera.ravel()}
         for row, values in columns.items():
             known = _known(values)
-            yield "median reprojection of inliers (px)", row, str(name), _median(known), len(known)
+            yield "reprojection of 2D + triangulation, median (px)", row, str(name), _median(known), len(known)
 
 
 def _hand_bones(joints: pa.Table) -> Iterator[Cell]:
@@ -207,7 +211,7 @@ def _median(values: Floats) -> float:
 
 STAGE = Stage(
     name="measure_quality",
-    version=2,
+    version=3,
     config=MeasureQualityConfig,
     inputs={
         "views": VIEWS,

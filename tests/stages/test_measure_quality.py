@@ -142,7 +142,7 @@ def test_reprojection_is_the_median_of_inliers_by_camera_and_joint(world: Any) -
     is_inlier[0, 0, 1, 3] = False
     is_inlier[:, :, 3], residual_px[:, :, 3] = False, np.nan
     cells = _run(world, residuals=_residuals(residual_px, is_inlier))
-    table = "median reprojection of inliers (px)"
+    table = "reprojection of 2D + triangulation, median (px)"
     assert cells[table, "thumb_tip", "a"] == (2.0, 6)
     assert cells[table, "thumb_cmc", "b"] == (5.0, 5)
     assert cells[table, "all joints", "b"] == (5.0, 6 * 21 - 1)
@@ -167,8 +167,8 @@ def test_wrists_are_counted_in_the_hand_and_in_the_body(world: Any) -> None:
         bodies=_bodies(body_mm, skipped),
     )
     assert cells["wrist", "right", "coverage (%)"] == (75.0, 4)
-    assert cells["wrist", "right", "median reprojection of inliers (px)"] == (3.0, 12)
-    assert cells["wrist", "left", "median reprojection of inliers (px)"] == (9.0, 16)
+    assert cells["wrist", "right", "median reprojection of 2D + triangulation (px)"] == (3.0, 12)
+    assert cells["wrist", "left", "median reprojection of 2D + triangulation (px)"] == (9.0, 16)
     assert cells["wrist", "right", "coverage of the body's (%)"] == (100.0, 6)
     assert cells["wrist", "left", "coverage of the body's (%)"] == (pytest.approx(100 * 5 / 6), 6)
 
@@ -228,7 +228,7 @@ def test_two_views_are_not_compared(world: Any) -> None:
     residuals = _residuals(np.full((2, 2, 2, 21), 1.0), np.full((2, 2, 2, 21), True))
     cells = _run(world, body_keypoints=_seen(world), residuals=residuals)
     assert not [key for key in cells if key[0] == "agreement of views"]
-    assert cells["median reprojection of inliers (px)", "all joints", "b"] == (1.0, 84)
+    assert cells["reprojection of 2D + triangulation, median (px)", "all joints", "b"] == (1.0, 84)
 
 
 def test_nothing_at_all_gives_holes_not_errors(world: Any) -> None:
@@ -249,7 +249,7 @@ def test_nothing_at_all_gives_holes_not_errors(world: Any) -> None:
     assert cells["wrist", "left", "coverage (%)"] == (0.0, 2)
     assert cells["wrist", "left", "coverage of the body's (%)"] == (0.0, num_frames)
     for key in [
-        ("wrist", "left", "median reprojection of inliers (px)"),
+        ("wrist", "left", "median reprojection of 2D + triangulation (px)"),
         ("hand bones (mm)", "thumb", "left median"),
         ("hand bones (mm)", "all fingers", "right spread"),
         ("forearm (mm)", "right", "mean"),
