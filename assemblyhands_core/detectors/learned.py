@@ -23,7 +23,8 @@ from assemblyhands_core.detectors.base import (
     masked,
 )
 from assemblyhands_core.geometry.crops import square_box
-from assemblyhands_core.hands.joints import Hand
+from assemblyhands_core.hands.body import NUM_BODY_KEYPOINTS
+from assemblyhands_core.hands.joints import NUM_JOINTS, Hand
 
 if TYPE_CHECKING:
     from assemblyhands_core.models.hand_keypoints import HandKeypointNet
@@ -52,9 +53,9 @@ class LearnedBody:
             min_confidence: Keypoints below it are missing.
 
         Raises:
-            DetectorError: The file is absent.
+            DetectorError: The file is absent, or of another network.
         """
-        self._network = _load(_existing(weights, "body_keypoints.safetensors"))
+        self._network = _load(_existing(weights, "body_keypoints.safetensors"), NUM_BODY_KEYPOINTS)
         self._min_confidence = min_confidence
 
     def detect(self, image_rgb: ImageRGB | None, camera_id: str, frame: int) -> BodyDetections:
@@ -86,9 +87,9 @@ class LearnedHands:
             min_confidence: Joints below it are missing.
 
         Raises:
-            DetectorError: The file is absent.
+            DetectorError: The file is absent, or of another network.
         """
-        self._network = _load(_existing(weights, "hand_keypoints.safetensors"))
+        self._network = _load(_existing(weights, "hand_keypoints.safetensors"), NUM_JOINTS)
         self._min_confidence = min_confidence
 
     def detect(
@@ -154,13 +155,17 @@ def _existing(weights: str | Path | None, name: str) -> Path:
     return path
 
 
-def _load(path: Path) -> "HandKeypointNet":
+def _load(path: Path, num_joints: int) -> "HandKeypointNet":
     import torch
 
     from assemblyhands_core.models.pretrained import load_hand_keypoints
 
     torch.set_num_threads(1)  # the same bits on every machine, however many cores a worker has
-    return load_hand_keypoints(path)
+    network = load_hand_keypoints(path)
+    if network.config.num_joints != num_joints:
+        found = network.config.num_joints
+        raise DetectorError(f"{path} finds {found} joints, {num_joints} are wanted: give the other network's weights.")
+    return network
 
 
 def _middle_box(image: ImageRGB) -> Box:

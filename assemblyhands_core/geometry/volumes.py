@@ -104,8 +104,10 @@ def _sample(
     padding: Literal["zeros", "border"],
     align_corners: bool,
 ) -> Float[Tensor, "batch channel point"]:
-    grid = positions.to(features.dtype)[:, None]
-    return F.grid_sample(features, grid, padding_mode=padding, align_corners=align_corners)[:, :, 0]
+    wide = torch.promote_types(features.dtype, torch.float32)  # bfloat16 would put points a sixteenth of a cell off
+    grid = positions.to(wide)[:, None]
+    found = F.grid_sample(features.to(wide), grid, padding_mode=padding, align_corners=align_corners)[:, :, 0]
+    return found.to(features.dtype)
 
 
 def _softmax_mean(

@@ -67,9 +67,17 @@ def test_a_body_is_found_in_the_pictures_own_pixels(tmp_path: Path) -> None:
 
 
 def test_what_is_not_sure_is_missing(tmp_path: Path) -> None:
-    body, hands = weights(tmp_path, 17, 96), LearnedHands(weights(tmp_path, 21, 64), min_confidence=1.1)
+    hands = LearnedHands(weights(tmp_path, 21, 64), min_confidence=1.1)
     assert hands.detect(spot(64, 64, 30, 30, 5), "right", "c", 0) is None
-    assert len(LearnedBody(body, min_confidence=1.1).detect(spot(96, 54, 30, 30, 5), "c", 0).confidence) == 0
+    body = LearnedBody(weights(tmp_path, 17, 96), min_confidence=1.1)
+    assert len(body.detect(spot(96, 54, 30, 30, 5), "c", 0).confidence) == 0
+
+
+def test_a_network_for_something_else_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(DetectorError, match=r"net\.safetensors finds 17 joints, 21 are wanted"):
+        LearnedHands(weights(tmp_path, 17, 96))
+    with pytest.raises(DetectorError, match=r"net\.safetensors finds 21 joints, 17 are wanted"):
+        LearnedBody(weights(tmp_path, 21, 64))
 
 
 def test_weights_count_and_have_to_be_there(tmp_path: Path) -> None:

@@ -35,6 +35,17 @@ def test_one_view_is_sampled_bilinearly_at_pixel_centres() -> None:
     np.testing.assert_allclose(values, [1, 2.5, 4, 4.5])
 
 
+def test_bfloat16_features_are_sampled_where_float32_ones_are() -> None:
+    """A ramp of 64 columns: what is read tells the place, to half a step of bfloat16 at that value."""
+    ramp = torch.arange(64.0).expand(1, 1, 1, 2, 64)
+    for u in (20.06, 31.44, 40.7, 62.2):
+        (value,) = seen(ramp.bfloat16(), (u - 1, -0.5, 1000))
+        assert value == pytest.approx(u, abs=0.126)
+        (value,) = seen(ramp - 40.0, (u - 1, -0.5, 1000))
+        (small,) = seen((ramp - 40.0).bfloat16(), (u - 1, -0.5, 1000))
+        assert small == pytest.approx(value, abs=0.07)
+
+
 def test_the_image_ends_half_a_pixel_beyond_the_outermost_centres() -> None:
     features = torch.tensor([[[[[1.0, 2, 4], [5, 6, 8]]]]], dtype=torch.float64)
     values = seen(features, (-1.49, -1.49, 1000), (1.49, 0.49, 1000), (-1.51, -1, 1000), (1.51, -1, 1000))
