@@ -20,10 +20,10 @@ SOURCES := assemblyhands_core stages pipeline tests benchmarks
 annotate: $(VENV)/.installed  ## video in, 3D hand joints out: SEQ=name (default: records one), ARGS='parameter=value'
 	$(RUN) annotate $(SEQUENCE) $(ARGS)
 
-evaluate: $(VENV)/.installed  ## annotate, and hold every round against the simulator's truth: SEQ=name, SET=tiny, small or full
+evaluate: $(VENV)/.installed  ## annotate, and hold every round against the simulator's truth: SET=test, SET=desktop, or SEQ=name
 	$(RUN) evaluate $(SEQUENCE) $(ARGS)
 
-simulate: $(VENV)/.installed  ## record synthetic sequences: SEQ=name, SET=tiny, small or full
+simulate: $(VENV)/.installed  ## record synthetic sequences: SET=tiny, test, desktop, small or full, or SEQ=name
 	$(RUN) simulate $(SEQUENCE) $(ARGS)
 
 train: $(VENV)/.installed-training  ## draw crops in the studio and train our networks on them (hours; goes on where it was)

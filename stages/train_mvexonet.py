@@ -63,7 +63,7 @@ def _network(config: TrainMvexonetConfig, start: "HandKeypointNet") -> "MVExoNet
 
 STAGE = Stage(
     name="train_mvexonet",
-    version=1,
+    version=2,
     config=TrainMvexonetConfig,
     inputs={"chunks": CHUNKS, "crops": CROPS, "labels": HAND_LABELS, "start": WEIGHTS},
     outputs={"weights": WEIGHTS, "curve": TRAINING_CURVE},
