@@ -30,7 +30,7 @@ from pipeline.runner import Runner, results
 from pipeline.takes import absent_takes, select_takes, studio_folder
 from pipeline.tasks import Result
 from pipeline.view import write_view
-from pipeline.work import SequenceWork, possible_nodes
+from pipeline.work import SequenceWork, possible_nodes, with_set
 
 _MAX_REPAIRS = 20  # each round finds what is damaged one node further
 _PLAIN_WIDTH = 140  # of lines that go to a file or a pipe
@@ -138,7 +138,7 @@ def _works(config: RunConfig, run: str) -> list[SequenceWork]:
         origins = sequence.origin_rows(digests)
         nodes = possible_nodes(config, sequence.sequence_id, origins)
         works.append(SequenceWork(config, sequence, origins, nodes, _logs(config, run), threads))
-    return works
+    return with_set(works, {sequence.sequence_id: sequence.split for sequence in sequences})
 
 
 def _say(console: Console, sentence: str) -> None:

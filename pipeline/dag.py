@@ -4,7 +4,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
-from assemblyhands_core.data.catalog import CHUNKS, SOURCES
+from assemblyhands_core.data.catalog import CHUNKS, MEMBERS, SOURCES
 from assemblyhands_core.data.studio_tables import CROP_ORDERS, TAKES
 from assemblyhands_core.data.tables import TableSpec
 from stages import (
@@ -38,12 +38,14 @@ from stages._contract import Stage
 
 SOURCE_EDGE: Final = "sources"  # the recording's own files, as the engine finds them
 TAKE_EDGE: Final = "takes"  # what the studio is to record, as the manifest orders it
+MEMBER_EDGE: Final = "members"  # which sequences a run is about, and the split of each
 TRUTH_EDGE: Final = "truth"  # files of the recording's ground truth, which evaluation alone may read
 EGO_EDGE: Final = "ego_sources"  # the headset's own files, so that the fixed cameras' results do not depend on them
 CROP_EDGE: Final = "crop_orders"  # which crops the studio is to draw for training, as the manifest orders it
 ORIGINS: Final[Mapping[str, TableSpec]] = {
     SOURCE_EDGE: SOURCES,
     EGO_EDGE: SOURCES,
+    MEMBER_EDGE: MEMBERS,
     TAKE_EDGE: TAKES,
     CROP_EDGE: CROP_ORDERS,
     TRUTH_EDGE: SOURCES,
@@ -105,7 +107,8 @@ class Dag:
         """Return the nodes that the targets need, in order; not those that an absent origin of ``ORIGINS`` leads to."""
         impossible: set[str] = set()
         for node in self.nodes.values():
-            if impossible.intersection(node.upstream) or not set(absent).isdisjoint(node.inputs.values()):
+            is_without = impossible.intersection(node.upstream) or not set(absent).isdisjoint(node.inputs.values())
+            if is_without and node.stage.shard != "set":  # others may bring what a set needs
                 impossible.add(node.name)
         wanted = set(targets) - impossible
         for node in reversed(self.nodes.values()):

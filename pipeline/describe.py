@@ -5,11 +5,12 @@ from collections.abc import Iterator
 import pyarrow as pa
 
 from assemblyhands_core.data.tables import TableSpec
-from pipeline.dag import CROP_EDGE, EGO_EDGE, SOURCE_EDGE, TAKE_EDGE, TRUTH_EDGE, Dag
+from pipeline.dag import CROP_EDGE, EGO_EDGE, MEMBER_EDGE, SOURCE_EDGE, TAKE_EDGE, TRUTH_EDGE, Dag
 
 _ORIGINS = {
     SOURCE_EDGE: "the recording's files",
     EGO_EDGE: "the headset's files",
+    MEMBER_EDGE: "the manifest's sequences and splits",
     TAKE_EDGE: "the manifest's order",
     CROP_EDGE: "the manifest's order of crops",
     TRUTH_EDGE: "the recording's ground truth",

@@ -32,13 +32,19 @@ class PlannedNode:
 
 def make_plan(works: Sequence[SequenceWork], store: Store, history: History) -> list[PlannedNode]:
     """Settle every shard whose entry is in the store, and say of the others why they run."""
-    return [_plan_node(work, node, store, history) for work in works for node in work.nodes]
+    rows: dict[str, list[PlannedNode]] = {work.recording.sequence_id: [] for work in works}
+    for name in works[0].config.dag.nodes if works else ():  # node by node, as what is about all waits for each
+        for work in works:
+            rows[work.recording.sequence_id] += [
+                _plan_node(work, n, store, history) for n in work.nodes if n.name == name
+            ]
+    return [row for of_work in rows.values() for row in of_work]
 
 
 def _plan_node(work: SequenceWork, node: Node, store: Store, history: History) -> PlannedNode:
     name = work.recording.sequence_id
     if node not in list(work.known_nodes()):
-        cutting = node.chunk_edge.partition(".")[0]
+        cutting = node.chunk_edge.partition(".")[0] or "the sequences are cut"
         return PlannedNode(name, node.name, 0, None, f"shards are known after {cutting}", None)
     to_run: list[Task] = []
     for task in work.tasks(node):
@@ -51,7 +57,7 @@ def _plan_node(work: SequenceWork, node: Node, store: Store, history: History) -
 
 def _settle(work: SequenceWork, task: Task, store: Store) -> bool:
     """Settle a task whose entry is in the store; return whether it is."""
-    if _running_upstream(work, task):
+    if work.missing_upstream(task):
         return False
     result = find_entry(task, work.upstream(task), store)
     if result is None:
@@ -63,25 +69,13 @@ def _settle(work: SequenceWork, task: Task, store: Store) -> bool:
     return True
 
 
-def _running_upstream(work: SequenceWork, task: Task) -> list[str]:
-    """Return the nodes whose results this task needs and that are not there yet."""
-    missing = []
-    for name in task.node.upstream:
-        shards = work.handles.get(name, {})
-        upstream_node = next(node for node in work.nodes if node.name == name)
-        wanted = [task.shard] if upstream_node.stage.shard == task.node.stage.shard else work.shards(upstream_node)
-        if not all(shard in shards for shard in wanted):
-            missing.append(name)
-    return missing
-
-
 def _why(work: SequenceWork, to_run: Sequence[Task], store: Store, history: History) -> str:
     reasons = Counter(_why_task(work, task, store, history) for task in to_run)
     return "; ".join(reason for reason, _ in reasons.most_common(2))
 
 
 def _why_task(work: SequenceWork, task: Task, store: Store, history: History) -> str:
-    if running := _running_upstream(work, task):
+    if running := work.missing_upstream(task):
         return f"{', '.join(running)} runs first"
     if task.problem:
         return task.problem

@@ -29,6 +29,7 @@ class Recording:
         ground_truth: folder of what is true in it, for evaluation alone; None where nobody knows.
         ego_calibration: poses of its headset's cameras, an AssemblyHands `ego_calib` file; None without headset.
         ego_videos: the headset's videos by camera name.
+        split: what it is for: train, val, test; empty where nobody says.
     """
 
     sequence_id: str
@@ -39,6 +40,7 @@ class Recording:
     ground_truth: Path | None = None
     ego_calibration: Path | None = None
     ego_videos: Mapping[str, Path] = field(default_factory=dict)
+    split: str = ""
 
     def origin_rows(self, digests: FileDigests) -> Mapping[str, Sequence[Mapping[str, str]]]:
         """Return role, name, path and sha256 of every file, apart for rig, headset and truth; a table may be empty.
@@ -108,6 +110,7 @@ def _from_manifest(row: ManifestRow, workspace: Path) -> Recording:
         ground_truth=_optional_folder(folder, row, "ground_truth"),
         ego_calibration=_optional_file(folder, row, "ego_calibration"),
         ego_videos=_videos(row["sequence_id"], str(folder / row["ego_videos"])) if row["ego_videos"] else {},
+        split=row["split"],
     )
 
 

@@ -7,7 +7,7 @@ from assemblyhands_core.data.store import Store
 from pipeline.executors import Executor
 from pipeline.progress import Progress
 from pipeline.tasks import Result
-from pipeline.work import SequenceWork
+from pipeline.work import SequenceWork, SetWork
 
 
 @dataclass
@@ -22,22 +22,36 @@ class Runner:
     def run(self) -> None:
         """Run until every task of every sequence has a result in its work's handles."""
         by_name = {work.recording.sequence_id: work for work in self.works}
-        for work in self.works:
-            self._submit_known(work)
+        self._submit_from(self._sequences)
         for result in self.executor.completed():
             work = by_name[result.shard.sequence_id]
             self.progress.note(work, result)
             if work.settle(result, self.store):
-                self._submit_known(work)
+                self._submit_from([work])
 
-    def _submit_known(self, work: SequenceWork) -> None:
+    def _submit_from(self, works: Sequence[SequenceWork]) -> None:
+        """Submit what can be of some sequences, then of the set, which may let more of all of them follow."""
+        for work in works:
+            self._submit_of(work)
+        if any(self._submit_of(work) for work in self.works if isinstance(work, SetWork)):
+            self._submit_from(self._sequences)
+
+    @property
+    def _sequences(self) -> list[SequenceWork]:
+        return [work for work in self.works if not isinstance(work, SetWork)]
+
+    def _submit_of(self, work: SequenceWork) -> bool:
+        """Submit what can be of a work; return whether that was anything."""
+        num_submitted = 0
         for node in work.known_nodes():
             under_way = work.handles.setdefault(node.name, {})
             tasks = work.tasks(node)
             self.progress.expect(work, node, len(tasks), under_way.values())
             for task in tasks:
-                if task.shard not in under_way:
+                if task.shard not in under_way and not work.missing_upstream(task):
                     under_way[task.shard] = self.executor.submit(task, work.upstream(task))
+                    num_submitted += 1
+        return num_submitted > 0
 
 
 def results(works: Sequence[SequenceWork]) -> list[Result]:

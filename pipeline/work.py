@@ -1,4 +1,4 @@
-"""One sequence's share of a run: its tasks node by node, and the handles of those already under way."""
+"""A sequence's share of a run, and the set's: tasks node by node, and the handles of those already under way."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -8,7 +8,7 @@ from typing import Any
 from assemblyhands_core.data.catalog import CHUNKS
 from assemblyhands_core.data.store import DamagedEntry, Store
 from pipeline.config import RunConfig, UserError
-from pipeline.dag import ORIGINS, Node
+from pipeline.dag import MEMBER_EDGE, ORIGINS, Node
 from pipeline.recordings import Recording
 from pipeline.takes import OrderedTake
 from pipeline.tasks import Result, Shard, Task
@@ -23,14 +23,16 @@ class SequenceWork:
     """The tasks of one sequence.
 
     Attributes:
+        nodes: those that run for a sequence or its chunks.
         origins: for each edge of `ORIGINS` that the nodes read, its rows.
         chunk_frames: frames in each chunk, once ingest has told; None before.
         is_cut: whether ingest has told or failed, so that every shard is known.
         handles: node → shard → its result, or the promise of it.
+        whole: the tasks of the set that this sequence belongs to; None where the run has none.
     """
 
     config: RunConfig
-    recording: Recording | OrderedTake
+    recording: "Recording | OrderedTake | SequenceSet"
     origins: Mapping[str, Sequence[Mapping[str, Any]]]
     nodes: Sequence[Node]
     logs: Path
@@ -38,6 +40,7 @@ class SequenceWork:
     chunk_frames: list[int] | None = None
     is_cut: bool = False
     handles: dict[str, dict[Shard, Handle]] = field(default_factory=dict)
+    whole: "SetWork | None" = None
     _known_externals: dict[str, tuple[Mapping[str, str], str]] = field(default_factory=dict)
 
     def known_nodes(self) -> Iterator[Node]:
@@ -59,7 +62,11 @@ class SequenceWork:
 
     def upstream(self, task: Task) -> dict[str, list[Handle]]:
         """Return the handles that a task reads from: its own chunk's, or all of them."""
-        return {name: self._matching(self.handles[name], task.shard) for name in task.node.upstream}
+        return {name: self._matching(name, task.shard) for name in task.node.upstream}
+
+    def missing_upstream(self, task: Task) -> list[str]:
+        """Return the nodes that a task reads from and of which not all that it needs is under way or settled."""
+        return [name for name in task.node.upstream if not self._has(name, task)]
 
     def num_frames(self, shard: Shard) -> int:
         """Return the number of frames that a shard covers, 0 while unknown."""
@@ -86,11 +93,26 @@ class SequenceWork:
         upstream = [self.config.dag.nodes[name] for name in node.upstream]
         return any(other.stage.shard == "chunk" or self._waits_for_chunks(other) for other in upstream)
 
-    def _matching(self, handles: Mapping[Shard, Handle], shard: Shard) -> list[Handle]:
-        whole = Shard(shard.sequence_id)
+    def _matching(self, name: str, shard: Shard) -> list[Handle]:
+        if self._is_of_set(name):
+            return self._set_handles(name)
+        handles, whole = self.handles[name], Shard(shard.sequence_id)
         if shard.chunk is None:
             return [handles[key] for key in sorted(handles)]  # not in the order in which they were found or submitted
         return [handles[shard if shard in handles else whole]]
+
+    def _has(self, name: str, task: Task) -> bool:
+        if self._is_of_set(name):
+            return bool(self._set_handles(name))
+        upstream_node, there = self.config.dag.nodes[name], self.handles.get(name, {})
+        is_alike = upstream_node.stage.shard == task.node.stage.shard
+        return all(shard in there for shard in ([task.shard] if is_alike else self.shards(upstream_node)))
+
+    def _is_of_set(self, name: str) -> bool:
+        return self.config.dag.nodes[name].stage.shard == "set"
+
+    def _set_handles(self, name: str) -> list[Handle]:
+        return list(self.whole.handles.get(name, {}).values()) if self.whole else []
 
     def _task(self, node: Node, shard: Shard) -> Task:
         config = self._stage_config(node)
@@ -116,10 +138,87 @@ class SequenceWork:
         return self._known_externals[node.name]
 
 
+@dataclass(frozen=True)
+class SequenceSet:
+    """The set of all sequences of a run, in the place of a recording."""
+
+    sequence_id: str = "all-sequences"
+    keypoints: None = None
+    detector: str = ""
+
+
+@dataclass
+class SetWork(SequenceWork):
+    """The tasks that are about all sequences of a run together, such as a training.
+
+    Attributes:
+        members: the work of every sequence, by name.
+    """
+
+    members: Sequence[SequenceWork] = ()
+
+    def known_nodes(self) -> Iterator[Node]:
+        """Yield the nodes of which every sequence knows the shards that they read."""
+        for node in self.nodes:
+            if all(member.is_cut or not self._reads_chunks(member, node) for member in self.members):
+                yield node
+
+    def shards(self, node: Node) -> list[Shard]:
+        """Return the one shard that all sequences are."""
+        return [Shard(self.recording.sequence_id)]
+
+    def settle(self, result: Result, store: Store) -> bool:
+        """Note a result, which tells nothing about shards."""
+        self.handles.setdefault(result.node, {})[result.shard] = result
+        return False
+
+    def _matching(self, name: str, shard: Shard) -> list[Handle]:
+        if self._is_of_set(name):
+            return list(self.handles[name].values())
+        parts = [member.handles[name] for member in self._members_with(name)]
+        return [handles[key] for handles in parts for key in sorted(handles)]
+
+    def _has(self, name: str, task: Task) -> bool:
+        if self._is_of_set(name):
+            return bool(self.handles.get(name))
+        node = self.config.dag.nodes[name]
+        return all(set(m.shards(node)) <= set(m.handles.get(name, {})) for m in self._members_with(name))
+
+    def _members_with(self, name: str) -> list[SequenceWork]:
+        """Return the sequences that have a node; one without headset has no egocentric crops."""
+        return [member for member in self.members if any(node.name == name for node in member.nodes)]
+
+    def _reads_chunks(self, member: SequenceWork, node: Node) -> bool:
+        own = [other for other in member.nodes if other.name in node.upstream]
+        return any(other.stage.shard == "chunk" or member._waits_for_chunks(other) for other in own)
+
+
+def with_set(works: Sequence[SequenceWork], splits: Mapping[str, str]) -> list[SequenceWork]:
+    """Return the works of sequences and, if a target needs any, of the set that they are, with the split of each.
+
+    Raises:
+        UserError: No sequence has what a node of the set reads.
+    """
+    config, first = works[0].config, works[0]
+    members = sorted(works, key=lambda work: work.recording.sequence_id)
+    nodes = [node for node in config.dag.upto(config.wanted_nodes) if node.stage.shard == "set"]
+    if not nodes:
+        return list(works)
+    origins = {MEMBER_EDGE: [{"sequence_id": name, "split": splits[name]} for name in sorted(splits)]}
+    whole = SetWork(config, SequenceSet(), origins, nodes, first.logs, first.num_threads, members=members)
+    for node in nodes:
+        for name in node.upstream:
+            if not whole._is_of_set(name) and not whole._members_with(name):
+                raise UserError(f"no sequence of this run has {name}, which {node.name} needs")
+    for work in works:
+        work.whole = whole
+    return [*works, whole]
+
+
 def possible_nodes(config: RunConfig, sequence_id: str, origins: Mapping[str, Sequence[Any]]) -> list[Node]:
     """Return the nodes that a sequence can have: without ground truth nothing is evaluated."""
     absent = [edge for edge, rows in origins.items() if not rows]
     nodes = config.dag.upto(config.wanted_nodes, absent)
     if not nodes:
         raise UserError(f"sequence {sequence_id} comes without {', '.join(absent)}, which target={config.target} needs")
-    return nodes
+    return [node for node in nodes if node.stage.shard != "set"]

@@ -15,7 +15,7 @@ from pydantic import BaseModel, ConfigDict
 from assemblyhands_core.data.tables import TableSpec
 
 Tables = Mapping[str, pa.Table]
-Sharding = Literal["sequence", "chunk"]
+Sharding = Literal["sequence", "chunk", "set"]
 
 
 class StageConfig(BaseModel):
@@ -38,7 +38,7 @@ class Context:
 
     Attributes:
         blob_dir: folder for files that belong to the result; rows refer to them by name.
-        sequence_id: the shard's sequence.
+        sequence_id: the shard's sequence, or what the set of all is called.
         num_threads: threads that the stage may use.
         scratch_dir: folder of this very computation that outlives a kill, for what lets a long one go on; the engine
             removes it when the result is there.
@@ -61,7 +61,7 @@ class Stage(Generic[ConfigT]):
         inputs: role → table.
         outputs: name → table; the first is what ``load(node)`` gives.
         run: ``run(config, inputs, context) -> outputs``.
-        shard: one call per sequence, or per chunk of frames of a sequence.
+        shard: one call per sequence, per chunk of frames of a sequence, or for the set of all sequences of a run.
         externals: what the result depends on beyond config and tables (weights, package versions, files named in the
             config), as name → digest. Part of the cache key.
     """

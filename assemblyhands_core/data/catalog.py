@@ -50,6 +50,12 @@ SOURCES: Final = TableSpec(
     ("sequence_id", "role", "name"),
     pa.schema([*_SEQUENCE, ("role", _TEXT), ("name", _TEXT), ("source_file", _TEXT), ("sha256", _TEXT)]),
 )
+MEMBERS: Final = TableSpec(
+    "members",
+    1,
+    ("sequence_id",),
+    pa.schema([*_SEQUENCE, ("split", _TEXT)]),  # train, val, test, ... as the manifest says; empty where it does not
+)
 VIEWS: Final = TableSpec(
     "views",
     1,

@@ -1,6 +1,6 @@
 """Pictures inside table rows: RGB to JPEG bytes and back."""
 
-from typing import Any
+from typing import Any, TypeAlias
 
 import cv2
 import numpy as np
@@ -8,7 +8,7 @@ import pyarrow as pa
 from jaxtyping import UInt8
 
 ImageRGB = UInt8[np.ndarray, "height width 3"]
-ImageBytes = bytes | pa.Buffer
+ImageBytes: TypeAlias = bytes | pa.Buffer
 """An encoded picture, of its own or still inside a table."""
 
 

@@ -170,7 +170,7 @@ class HandCrops:
     def spread(self, count: int) -> "HandCrops":
         """Return a set of at most so many hands, evenly spread."""
         chosen = evenly_spread(len(self), count)
-        hands, labels = (tuple(column[index] for index in chosen) for column in (self.hands, self.labels))
+        hands, labels = (tuple(self.hands[i] for i in chosen), tuple(self.labels[i] for i in chosen))
         return replace(self, hands=hands, labels=labels)
 
     def __len__(self) -> int:

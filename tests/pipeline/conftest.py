@@ -10,12 +10,12 @@ import pytest
 from rich.console import Console
 
 from assemblyhands_core.data.arrays import to_numpy
-from assemblyhands_core.data.catalog import CHUNKS, SOURCES
+from assemblyhands_core.data.catalog import CHUNKS, MEMBERS, SOURCES
 from assemblyhands_core.data.digests import FileDigests
 from assemblyhands_core.data.store import Store
 from assemblyhands_core.data.tables import TableSpec
 from pipeline.config import ExecutorConfig, GcConfig, RigConfig, RunConfig
-from pipeline.dag import SOURCE_EDGE, TRUTH_EDGE, Dag
+from pipeline.dag import MEMBER_EDGE, SOURCE_EDGE, TRUTH_EDGE, Dag
 from pipeline.executors import SerialExecutor
 from pipeline.history import History
 from pipeline.plan import PlannedNode, make_plan
@@ -24,7 +24,7 @@ from pipeline.recordings import Recording
 from pipeline.runner import Runner, results
 from pipeline.tasks import Result
 from pipeline.view import write_view
-from pipeline.work import SequenceWork
+from pipeline.work import SequenceWork, possible_nodes, with_set
 from stages._contract import Context, Stage, StageConfig, Tables
 
 NUMBERS = TableSpec(
@@ -81,6 +81,20 @@ def total(config: SumConfig, inputs: Tables, context: Context) -> Tables:
     return {"numbers": _numbers(context, np.zeros(1), np.array([to_numpy(inputs["numbers"]["value"]).sum()]))}
 
 
+def mean(config: SumConfig, inputs: Tables, context: Context) -> Tables:
+    """The mean over all sequences of a split of their totals."""
+    splits = {row["sequence_id"]: row["split"] for row in inputs["members"].to_pylist()}
+    totals = [row["value"] for row in inputs["totals"].to_pylist() if splits[row["sequence_id"]] == "train"]
+    return {"numbers": _numbers(context, np.zeros(1), np.array([np.mean(totals)]))}
+
+
+def compare(config: SumConfig, inputs: Tables, context: Context) -> Tables:
+    """How much more than the mean of all each number of a chunk is."""
+    numbers = inputs["numbers"]
+    excess = to_numpy(numbers["value"]) - inputs["mean"]["value"][0].as_py()
+    return {"numbers": _numbers(context, to_numpy(numbers["frame"]), excess)}
+
+
 def judge(config: SumConfig, inputs: Tables, context: Context) -> Tables:
     file = Path(inputs["truth"]["source_file"][0].as_py())
     error = to_numpy(inputs["numbers"]["value"]) - pa.parquet.read_table(file)["total"][0].as_py()
@@ -97,6 +111,10 @@ def toy_dag(version: int = 1) -> Dag:
     dag.add("total", Stage("sum", 1, SumConfig, numbers, numbers, total, "sequence"), numbers="times.numbers")
     judging = Stage("judge", 1, SumConfig, {"truth": SOURCES, **numbers}, numbers, judge, "sequence")
     dag.add("error", judging, truth=TRUTH_EDGE, numbers="total.numbers")
+    over_all = Stage("mean", 1, SumConfig, {"members": MEMBERS, "totals": NUMBERS}, numbers, mean, "set")
+    dag.add("mean", over_all, members=MEMBER_EDGE, totals="total.numbers")
+    comparing = Stage("compare", 1, SumConfig, {**numbers, "mean": NUMBERS}, numbers, compare, "chunk")
+    dag.add("excess", comparing, numbers="times.numbers", mean="mean.numbers")
     return dag
 
 
@@ -109,6 +127,8 @@ class Toy:
     is_rounded: bool = False
     version: int = 1
     names: list[str] = field(default_factory=list)
+    targets: tuple[str, ...] = ("total", "error")
+    splits: dict[str, str] = field(default_factory=dict)
 
     def record(self, name: str, *values: float) -> None:
         (self.folder / f"{name}.txt").write_text("\n".join(map(str, values)))
@@ -129,14 +149,16 @@ class Toy:
 
     def config(self) -> RunConfig:
         config = RunConfig(
-            seq="all", target="error", manifest=None, workspace=self.workspace, run="",
+            seq="all", target="made", manifest=None, workspace=self.workspace, run="",
             rounds=3,
             gc=GcConfig(keep_runs=10, dry_run=False),
             rig=RigConfig(calibration=None, videos=None),
             executor=ExecutorConfig(name="serial", num_workers=1, memory_limit="auto"),
         )  # fmt: skip
         config._dag = toy_dag(self.version)
+        config._dag.targets["made"] = self.targets
         config._stages = {"cut": CutConfig(), "sum": SumConfig(), "judge": SumConfig(),
+                          "mean": SumConfig(), "compare": SumConfig(),
                           "multiply": MultiplyConfig(factor=self.factor, is_rounded=self.is_rounded)}  # fmt: skip
         return config
 
@@ -149,10 +171,9 @@ class Toy:
             truth = self.folder / f"{name}-truth"
             recording = Recording(name, file, {"numbers": file}, ground_truth=truth if truth.is_dir() else None)
             origins = recording.origin_rows(digests)
-            absent = [edge for edge, rows in origins.items() if not rows]
-            nodes = config.dag.upto(("total", "error"), absent)
+            nodes = possible_nodes(config, name, origins)
             works.append(SequenceWork(config, recording, origins, nodes, self.workspace / "logs"))
-        return works
+        return with_set(works, {name: self.splits.get(name, "train") for name in self.names})
 
     def plan(self) -> dict[tuple[str, str], PlannedNode]:
         rows = make_plan(self.works(), self.store, History(self.workspace))

@@ -1,6 +1,7 @@
 import shutil
 from typing import Any
 
+import pyarrow as pa
 import pytest
 
 
@@ -107,3 +108,67 @@ def test_no_unfinished_folder_stays_after_a_failure(toy: Any) -> None:
     assert list(toy.store.root.glob("*/.*")) == []
     log = (toy.workspace / "logs" / "times-bad.00000.log").read_text()
     assert "ValueError: frame 1 is no number" in log
+
+
+def _excess(toy: Any, name: str) -> float:
+    folder = toy.workspace / "runs" / "latest" / "excess" / "numbers"
+    return float(pa.parquet.read_table((folder / f"{name}.00000.parquet").resolve())["value"][0].as_py())
+
+
+def test_a_node_about_all_sequences_runs_once_and_what_follows_runs_for_each(toy: Any) -> None:
+    toy.targets = ("excess",)
+    toy.record("two", 10, 20)
+    toy.record("other", 1000)
+    toy.splits = {"other": "test"}
+    first = toy.status(toy.run())
+    assert first["mean all-sequences"] == "done" and list(first).count("mean all-sequences") == 1
+    assert {"excess one.00000", "excess one.00001", "excess two.00000", "excess other.00000"} <= set(first)
+    mean = (2 * 15 + 2 * 30) / 2  # of the training sequences' totals
+    assert _excess(toy, "one") == 2 - mean and _excess(toy, "other") == 2000 - mean
+    assert set(toy.status(toy.run()).values()) == {"reused"}
+
+
+def test_another_sequence_or_split_makes_what_is_about_all_run_again(toy: Any) -> None:
+    toy.targets = ("excess",)
+    toy.record("two", 10, 20)
+    toy.run()
+    toy.record("three", 7)
+    done = {name for name, status in toy.status(toy.run()).items() if status == "done"}
+    assert {"cut three", "mean all-sequences", "excess one.00000", "excess three.00000"} <= done
+    assert "times one.00000" not in done
+    toy.splits = {"three": "test"}
+    done = {name for name, status in toy.status(toy.run()).items() if status == "done"}
+    assert "mean all-sequences" in done and "total three" not in done
+    toy.names = ["three", "two", "one"]
+    again = toy.status(toy.run())
+    assert {name for name, status in again.items() if status == "done"} == set(), "their order does not matter"
+
+
+def test_a_failed_sequence_blocks_what_is_about_all(toy: Any) -> None:
+    toy.targets = ("excess",)
+    toy.record("bad", 1, 2, 3, float("nan"))
+    found = {f"{r.node} {r.shard}": r for r in toy.run()}
+    assert found["mean all-sequences"].status == "blocked" and found["mean all-sequences"].error == "needs total"
+    assert found["excess one.00000"].status == "blocked" and found["total one"].status == "done"
+
+
+def test_a_plan_shows_what_is_about_all_and_what_waits_for_it(toy: Any) -> None:
+    toy.targets = ("excess",)
+    before = toy.plan()
+    assert before["one", "cut"].num_to_run == 1 and before["all-sequences", "mean"].num_to_run is None
+    toy.run()
+    again = toy.plan()
+    assert {(key[1], row.num_to_run) for key, row in again.items()} == {
+        (name, 0) for name in ("cut", "times", "total", "mean", "excess")
+    }
+    toy.factor = 3.0
+    changed = toy.plan()
+    assert changed["one", "times"].num_to_run == 2 and changed["all-sequences", "mean"].num_to_run == 1
+    assert changed["all-sequences", "mean"].reason == "total runs first"
+    assert changed["one", "excess"].num_to_run == 2 and "runs first" in changed["one", "excess"].reason
+
+
+def test_what_no_sequence_brings_is_said(toy: Any) -> None:
+    toy.targets = ("mean",)
+    dag = toy.config().dag
+    assert "mean" in [node.name for node in dag.upto(("mean",), ("sources",))], "others may bring it"

@@ -48,7 +48,7 @@ def test_sequences_with_and_without_truth_run_side_by_side(toy: Any) -> None:
 
 
 def test_asking_for_nothing_but_what_needs_truth_is_refused_without_it(toy: Any) -> None:
-    config = toy.config()
+    config = toy.config().model_copy(update={"target": "error"})
     with pytest.raises(UserError, match="sequence one comes without truth, which target=error needs"):
         possible_nodes(config, "one", {SOURCE_EDGE: [{}], TRUTH_EDGE: []})
     assert [node.name for node in possible_nodes(config, "one", {SOURCE_EDGE: [{}], TRUTH_EDGE: [{}]})][-1] == "error"
