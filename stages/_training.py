@@ -97,25 +97,27 @@ class TrainingConfig(ScheduleConfig):
     augmentation: AugmentationConfig
 
 
-def first_held_out(chunks: pa.Table, share: float) -> int:
-    """Return the frame from which on a set is held out: the last share of its chunks, so that no take is in both parts.
+def is_held_out(rows: pa.Table, chunks: pa.Table, share: float) -> pa.Array:
+    """Return which rows are held out: those of the last share of all takes, by sequence and frame.
 
     Raises:
-        ValueError: There is only one chunk.
+        ValueError: There is only one take.
     """
-    starts = sorted(chunks["first_frame"].to_pylist())
-    if len(starts) < 2:
+    takes = sorted(zip(*(chunks[name].to_pylist() for name in ("sequence_id", "first_frame")), strict=True))
+    if len(takes) < 2:
         raise ValueError("a set of one take cannot be learnt from and judged by: train on two takes or more")
-    return int(starts[min(max(math.ceil((1 - share) * len(starts)), 1), len(starts) - 1)])
+    sequence, frame = takes[min(max(math.ceil((1 - share) * len(takes)), 1), len(takes) - 1)]
+    is_later = pc.and_(pc.equal(rows["sequence_id"], sequence), pc.greater_equal(rows["frame"], frame))
+    return pc.or_(is_later, pc.greater(rows["sequence_id"], sequence))
 
 
 def data_sets(config: TrainingConfig, inputs: Tables, size_px: int) -> tuple[HandCrops, HandCrops]:
     """Return what is learnt from and what is held out: the last share of a set's takes."""
-    stored, labels, frame = stored_hands(inputs["crops"]), inputs["labels"], pc.field("frame")
-    border = first_held_out(inputs["chunks"], config.held_out_share)
+    stored, labels = stored_hands(inputs["crops"]), inputs["labels"]
+    is_apart = is_held_out(labels, inputs["chunks"], config.held_out_share)
     varied, plain = config.augmentation.augmentation(), config.augmentation.judging()
-    training = HandCrops.of(stored, labels.filter(frame < border), varied, size_px, config.seed)
-    held_out = HandCrops.of(stored, labels.filter(frame >= border), plain, size_px, config.seed)
+    training = HandCrops.of(stored, labels.filter(pc.invert(is_apart)), varied, size_px, config.seed)
+    held_out = HandCrops.of(stored, labels.filter(is_apart), plain, size_px, config.seed)
     return training, held_out.spread(config.max_held_out)
 
 

@@ -7,7 +7,7 @@ from assemblyhands_core.data.catalog import BODY_LABELS, CHUNKS, TRAINING_CURVE,
 from assemblyhands_core.hands.body import NUM_BODY_KEYPOINTS
 from assemblyhands_core.training.body_dataset import BodyAugmentation, BodyViews
 from stages._contract import Context, Stage, StageConfig, Tables
-from stages._training import ScheduleConfig, first_held_out, fitted, started, training_externals
+from stages._training import ScheduleConfig, fitted, is_held_out, started, training_externals
 
 
 class BodyAugmentationConfig(StageConfig):
@@ -55,11 +55,10 @@ def run(config: TrainBodyKeypointsConfig, inputs: Tables, context: Context) -> T
 
 
 def _data_sets(config: TrainBodyKeypointsConfig, inputs: Tables) -> tuple[BodyViews, BodyViews]:
-    labels, frame = inputs["labels"], pc.field("frame")
-    border = first_held_out(inputs["chunks"], config.held_out_share)
+    labels, is_apart = inputs["labels"], is_held_out(inputs["labels"], inputs["chunks"], config.held_out_share)
     varied = BodyAugmentation(**config.augmentation.model_dump())
-    training = BodyViews.of(labels.filter(frame < border), varied, config.seed)
-    held_out = BodyViews.of(labels.filter(frame >= border), BodyAugmentation(0.0, 0.0, 0.0), config.seed)
+    training = BodyViews.of(labels.filter(pc.invert(is_apart)), varied, config.seed)
+    held_out = BodyViews.of(labels.filter(is_apart), BodyAugmentation(0.0, 0.0, 0.0), config.seed)
     return training, held_out.spread(config.max_held_out)
 
 

@@ -19,7 +19,7 @@ from assemblyhands_core.data.digests import digest_file
 from assemblyhands_core.models.pretrained import load_hand_keypoints, load_mvexonet, read_card
 from stages import train_body_keypoints, train_keypoints, train_mvexonet
 from stages._contract import Context, Stage
-from stages._training import first_held_out
+from stages._training import is_held_out
 
 CONF = Path(__file__).parents[2] / "conf" / "stage"
 SHORT = {"num_epochs": 3, "steps_per_epoch": 8, "batch_size": 4, "num_loaders": 0, "held_out_share": 0.2}
@@ -139,14 +139,24 @@ def test_what_a_training_starts_from_is_part_of_its_key(keypoints: Any) -> None:
         externals(_config(train_keypoints.STAGE, start_from="absent.safetensors"), "set")
 
 
+ROWS = pa.table({"sequence_id": ["set"] * 12 + ["tuesday"] * 2, "frame": [*range(12), 0, 5]})
+
+
 @pytest.mark.parametrize(("share", "border"), [(0.02, 9), (0.25, 9), (0.26, 9), (0.5, 6), (0.75, 3), (0.99, 3)])
 def test_whole_takes_are_held_out_and_never_all(share: float, border: int) -> None:
-    assert first_held_out(TAKES, share) == border
+    assert is_held_out(ROWS.slice(0, 12), TAKES, share).to_pylist() == [frame >= border for frame in range(12)]
+
+
+def test_of_several_sequences_the_last_takes_are_held_out() -> None:
+    later = {"sequence_id": "tuesday", "chunk": 0, "first_frame": 0, "num_frames": 9}
+    takes = pa.concat_tables([CHUNKS.from_rows([later]), TAKES])
+    assert is_held_out(ROWS, takes, 0.2).to_pylist() == [False] * 12 + [True] * 2
+    assert is_held_out(ROWS, takes, 0.4).to_pylist() == [False] * 9 + [True] * 5
 
 
 def test_one_take_alone_cannot_be_split() -> None:
     with pytest.raises(ValueError, match="train on two takes or more"):
-        first_held_out(TAKES.slice(0, 1), 0.1)
+        is_held_out(ROWS, TAKES.slice(0, 1), 0.1)
 
 
 @pytest.mark.parametrize(
