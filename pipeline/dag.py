@@ -25,6 +25,7 @@ from stages import (
     plan_crops,
     preview_recording,
     project_ego,
+    read_labels,
     script_take,
     smooth_joints,
     start_from_truth,
@@ -34,10 +35,11 @@ from stages import (
     triangulate,
     undistort,
 )
-from stages._contract import Stage
+from stages._contract import Sharding, Stage
 
 SOURCE_EDGE: Final = "sources"  # the recording's own files, as the engine finds them
 TAKE_EDGE: Final = "takes"  # what the studio is to record, as the manifest orders it
+LABEL_EDGE: Final = "label_sources"  # what people annotated in the recording
 MEMBER_EDGE: Final = "members"  # which sequences a run is about, and the split of each
 TRUTH_EDGE: Final = "truth"  # files of the recording's ground truth, which evaluation alone may read
 EGO_EDGE: Final = "ego_sources"  # the headset's own files, so that the fixed cameras' results do not depend on them
@@ -45,6 +47,7 @@ CROP_EDGE: Final = "crop_orders"  # which crops the studio is to draw for traini
 ORIGINS: Final[Mapping[str, TableSpec]] = {
     SOURCE_EDGE: SOURCES,
     EGO_EDGE: SOURCES,
+    LABEL_EDGE: SOURCES,
     MEMBER_EDGE: MEMBERS,
     TAKE_EDGE: TAKES,
     CROP_EDGE: CROP_ORDERS,
@@ -58,6 +61,7 @@ class Node:
     """A stage's place in the DAG: under which name it runs and which node's table fills each of its roles.
 
     Attributes:
+        shard: how often it runs: what its stage says, or for the set of all sequences where a sequence would do.
         chunk_edge: the edge upstream whose table says into which chunks a sequence is cut; empty before it is cut.
     """
 
@@ -65,6 +69,7 @@ class Node:
     stage: Stage[Any]
     inputs: Mapping[str, str]
     upstream_stages: Mapping[str, str]
+    shard: Sharding
     chunk_edge: str
 
     @property
@@ -91,6 +96,13 @@ class Dag:
         Raises:
             ValueError: on a repeated name, an unknown or missing role, a forward reference or the wrong table.
         """
+        self._add(name, stage, inputs, stage.shard)
+
+    def add_for_set(self, name: str, stage: Stage[Any], inputs: Mapping[str, str]) -> None:
+        """Add a stage that is made for a sequence for the set of all: its tables are those of all sequences."""
+        self._add(name, stage, inputs, "set")
+
+    def _add(self, name: str, stage: Stage[Any], inputs: Mapping[str, str], shard: Sharding) -> None:
         if name in self.nodes:
             raise ValueError(f"node {name} is added twice")
         if set(inputs) != set(stage.inputs):
@@ -101,14 +113,14 @@ class Dag:
             self._check_edge(name, stage, role, edge)
         sources = {edge.split(".")[0] for edge in inputs.values() if edge not in ORIGINS}
         upstream = {source: self.nodes[source].stage.name for source in self.nodes if source in sources}
-        self.nodes[name] = Node(name, stage, inputs, upstream, self._chunk_edge(upstream))
+        self.nodes[name] = Node(name, stage, inputs, upstream, shard, self._chunk_edge(upstream))
 
     def upto(self, targets: tuple[str, ...], absent: Collection[str] = ()) -> list[Node]:
         """Return the nodes that the targets need, in order; not those that an absent origin of ``ORIGINS`` leads to."""
         impossible: set[str] = set()
         for node in self.nodes.values():
             is_without = impossible.intersection(node.upstream) or not set(absent).isdisjoint(node.inputs.values())
-            if is_without and node.stage.shard != "set":  # others may bring what a set needs
+            if is_without and node.shard != "set":  # others may bring what a set needs
                 impossible.add(node.name)
         wanted = set(targets) - impossible
         for node in reversed(self.nodes.values()):
@@ -148,6 +160,7 @@ def build_dag(num_rounds: int = 3) -> Dag:
     _add_annotation(dag)
     _add_rounds(dag, num_rounds)
     _add_results(dag, f"round_{num_rounds}")
+    _add_own_training(dag)
     _add_egocentric(dag, f"round_{num_rounds}")
     evaluations = _add_evaluation(dag, num_rounds)
     dag.targets |= {
@@ -160,6 +173,7 @@ def build_dag(num_rounds: int = 3) -> Dag:
         "simulate": ("delivery", "preview"),
         "training_data": ("training_crops", "body_views"),
         "train": ("body_weights", "keypoint_weights", "mvexonet_weights"),
+        "train_own": ("own_keypoint_weights", "own_mvexonet_weights"),
     }
     return dag
 
@@ -271,6 +285,17 @@ def _add_results(dag: Dag, last: str) -> None:
         joints=f"{last}.joints",
     )
     dag.add("smoothed", smooth_joints.STAGE, joints=f"{last}.joints")
+
+
+def _add_own_training(dag: Dag) -> None:
+    """Add how networks are trained on recordings that people annotated, all of a run together."""
+    dag.add("labels", read_labels.STAGE, sources=LABEL_EDGE, views="ingest.views")
+    for name, stage, start in (
+        ("own_keypoint_weights", train_keypoints.STAGE, {}),
+        ("own_mvexonet_weights", train_mvexonet.STAGE, {"start": "own_keypoint_weights.weights"}),
+    ):
+        data = {"chunks": "ingest.chunks", "crops": "crop_hands.crops", "labels": "labels.labels", **start}
+        dag.add_for_set(name, stage, data)
 
 
 def _add_egocentric(dag: Dag, last: str) -> None:

@@ -5,11 +5,12 @@ from collections.abc import Iterator
 import pyarrow as pa
 
 from assemblyhands_core.data.tables import TableSpec
-from pipeline.dag import CROP_EDGE, EGO_EDGE, MEMBER_EDGE, SOURCE_EDGE, TAKE_EDGE, TRUTH_EDGE, Dag
+from pipeline.dag import CROP_EDGE, EGO_EDGE, LABEL_EDGE, MEMBER_EDGE, SOURCE_EDGE, TAKE_EDGE, TRUTH_EDGE, Dag
 
 _ORIGINS = {
     SOURCE_EDGE: "the recording's files",
     EGO_EDGE: "the headset's files",
+    LABEL_EDGE: "the recording's annotations",
     MEMBER_EDGE: "the manifest's sequences and splits",
     TAKE_EDGE: "the manifest's order",
     CROP_EDGE: "the manifest's order of crops",
@@ -38,7 +39,7 @@ def _nodes(dag: Dag) -> Iterator[str]:
     for node in dag.nodes.values():
         reads = ", ".join(_ORIGINS.get(edge, f"`{edge}`") for edge in node.inputs.values())
         makes = ", ".join(f"`{name}`" for name in node.stage.outputs)
-        yield f"| `{node.name}` | `{node.stage.name}` | {node.stage.shard} | {reads} | {makes} |"
+        yield f"| `{node.name}` | `{node.stage.name}` | {node.shard} | {reads} | {makes} |"
     yield ""
 
 

@@ -9,9 +9,9 @@ from pathlib import Path
 from assemblyhands_core.data.digests import FileDigests
 from assemblyhands_core.data.layout import DatasetLayout
 from assemblyhands_core.data.packages import PackageError, fetch_package
-from assemblyhands_core.data.split_files import EGO_SHARE
+from assemblyhands_core.data.split_files import EGO_SHARE, JOINTS_SHARE
 from pipeline.config import RunConfig, UserError
-from pipeline.dag import EGO_EDGE, SOURCE_EDGE, TRUTH_EDGE
+from pipeline.dag import EGO_EDGE, LABEL_EDGE, SOURCE_EDGE, TRUTH_EDGE
 from pipeline.manifests import MANIFESTS, ManifestRow, checked_name, select_rows
 from pipeline.takes import CROPS_PACKAGE, STUDIO_PACKAGE, studio_folder
 
@@ -27,6 +27,7 @@ class Recording:
         keypoints: folder of 2D keypoints that come with it and take the place of detectors; None without any.
         detector: finds keypoints where none come with it.
         ground_truth: folder of what is true in it, for evaluation alone; None where nobody knows.
+        labels: joints that people annotated, an AssemblyHands `joint_3d` file; None without any.
         ego_calibration: poses of its headset's cameras, an AssemblyHands `ego_calib` file; None without headset.
         ego_videos: the headset's videos by camera name.
         split: what it is for: train, val, test; empty where nobody says.
@@ -38,12 +39,13 @@ class Recording:
     keypoints: Path | None = None
     detector: str = "mediapipe"
     ground_truth: Path | None = None
+    labels: Path | None = None
     ego_calibration: Path | None = None
     ego_videos: Mapping[str, Path] = field(default_factory=dict)
     split: str = ""
 
     def origin_rows(self, digests: FileDigests) -> Mapping[str, Sequence[Mapping[str, str]]]:
-        """Return role, name, path and sha256 of every file, apart for rig, headset and truth; a table may be empty.
+        """Return role, name, path and sha256 of every file, apart for rig, labels, headset and truth; any may be empty.
 
         So nothing but the headset's part runs again when its files change, nothing but evaluation with the truth.
         """
@@ -52,6 +54,7 @@ class Recording:
         true = [("ground_truth", path.stem, path) for path in files]
         return {
             SOURCE_EDGE: self._rows(given, digests),
+            LABEL_EDGE: self._rows([("labels", "joint_3d", self.labels)] if self.labels else [], digests),
             EGO_EDGE: self._rows(self._ego_files(), digests),
             TRUTH_EDGE: self._rows(true, digests),
         }
@@ -108,6 +111,7 @@ def _from_manifest(row: ManifestRow, workspace: Path) -> Recording:
         keypoints=_optional_folder(folder, row, "keypoints"),
         detector="learned" if row["package"] == STUDIO_PACKAGE else found.detector,
         ground_truth=_optional_folder(folder, row, "ground_truth"),
+        labels=_optional_file(folder, row, "labels"),
         ego_calibration=_optional_file(folder, row, "ego_calibration"),
         ego_videos=_videos(row["sequence_id"], str(folder / row["ego_videos"])) if row["ego_videos"] else {},
         split=row["split"],
@@ -115,21 +119,19 @@ def _from_manifest(row: ManifestRow, workspace: Path) -> Recording:
 
 
 def _studio_paths(sequence_id: str, root: Path) -> dict[str, str]:
-    """Return where a recording of the studio has its files, which its name decides alone; a headset's if it has one."""
+    """Return where a recording of the studio has its files, which its name decides alone; those of them that it has."""
     layout = DatasetLayout(Path())
+    video, share = layout.video(sequence_id, "x"), layout.labels(sequence_id)
     paths = {
         "calibration": str(layout.calibration(sequence_id)),
-        "videos": str(layout.video(sequence_id, "x").with_name("*_rgb.mp4")),
+        "videos": str(video.with_name("*_rgb.mp4")),
         "ground_truth": str(layout.ground_truth(sequence_id)),
     }
-    worn = layout.labels(sequence_id) / EGO_SHARE
-    if not (root / worn).is_file():
-        return paths
-    return {
-        **paths,
-        "ego_calibration": str(worn),
-        "ego_videos": str(layout.video(sequence_id, "x").with_name("HMC_*.mp4")),
-    }
+    if (root / share / JOINTS_SHARE).is_file():
+        paths["labels"] = str(share / JOINTS_SHARE)
+    if (root / share / EGO_SHARE).is_file():
+        paths |= {"ego_calibration": str(share / EGO_SHARE), "ego_videos": str(video.with_name("HMC_*.mp4"))}
+    return paths
 
 
 def _optional_folder(folder: Path, row: ManifestRow, column: str) -> Path | None:

@@ -46,7 +46,7 @@ class SequenceWork:
     def known_nodes(self) -> Iterator[Node]:
         """Yield the nodes whose shards are known by now."""
         for node in self.nodes:
-            if self.is_cut or (node.stage.shard == "sequence" and not self._waits_for_chunks(node)):
+            if self.is_cut or (node.shard == "sequence" and not self._waits_for_chunks(node)):
                 yield node
 
     def tasks(self, node: Node) -> list[Task]:
@@ -56,7 +56,7 @@ class SequenceWork:
     def shards(self, node: Node) -> list[Shard]:
         """Return a known node's shards; where cutting failed, one that stands for them all."""
         name = self.recording.sequence_id
-        if node.stage.shard == "sequence" or self.chunk_frames is None:
+        if node.shard == "sequence" or self.chunk_frames is None:
             return [Shard(name)]
         return [Shard(name, chunk) for chunk in range(len(self.chunk_frames))]
 
@@ -91,7 +91,7 @@ class SequenceWork:
 
     def _waits_for_chunks(self, node: Node) -> bool:
         upstream = [self.config.dag.nodes[name] for name in node.upstream]
-        return any(other.stage.shard == "chunk" or self._waits_for_chunks(other) for other in upstream)
+        return any(other.shard == "chunk" or self._waits_for_chunks(other) for other in upstream)
 
     def _matching(self, name: str, shard: Shard) -> list[Handle]:
         if self._is_of_set(name):
@@ -105,11 +105,11 @@ class SequenceWork:
         if self._is_of_set(name):
             return bool(self._set_handles(name))
         upstream_node, there = self.config.dag.nodes[name], self.handles.get(name, {})
-        is_alike = upstream_node.stage.shard == task.node.stage.shard
+        is_alike = upstream_node.shard == task.node.shard
         return all(shard in there for shard in ([task.shard] if is_alike else self.shards(upstream_node)))
 
     def _is_of_set(self, name: str) -> bool:
-        return self.config.dag.nodes[name].stage.shard == "set"
+        return self.config.dag.nodes[name].shard == "set"
 
     def _set_handles(self, name: str) -> list[Handle]:
         return list(self.whole.handles.get(name, {}).values()) if self.whole else []
@@ -190,7 +190,7 @@ class SetWork(SequenceWork):
 
     def _reads_chunks(self, member: SequenceWork, node: Node) -> bool:
         own = [other for other in member.nodes if other.name in node.upstream]
-        return any(other.stage.shard == "chunk" or member._waits_for_chunks(other) for other in own)
+        return any(other.shard == "chunk" or member._waits_for_chunks(other) for other in own)
 
 
 def with_set(works: Sequence[SequenceWork], splits: Mapping[str, str]) -> list[SequenceWork]:
@@ -201,7 +201,7 @@ def with_set(works: Sequence[SequenceWork], splits: Mapping[str, str]) -> list[S
     """
     config, first = works[0].config, works[0]
     members = sorted(works, key=lambda work: work.recording.sequence_id)
-    nodes = [node for node in config.dag.upto(config.wanted_nodes) if node.stage.shard == "set"]
+    nodes = [node for node in config.dag.upto(config.wanted_nodes) if node.shard == "set"]
     if not nodes:
         return list(works)
     origins = {MEMBER_EDGE: [{"sequence_id": name, "split": splits[name]} for name in sorted(splits)]}
@@ -221,4 +221,4 @@ def possible_nodes(config: RunConfig, sequence_id: str, origins: Mapping[str, Se
     nodes = config.dag.upto(config.wanted_nodes, absent)
     if not nodes:
         raise UserError(f"sequence {sequence_id} comes without {', '.join(absent)}, which target={config.target} needs")
-    return [node for node in nodes if node.stage.shard != "set"]
+    return [node for node in nodes if node.shard != "set"]
