@@ -6,8 +6,10 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
+from assemblyhands_core.hands.joints import NUM_JOINTS, WRIST
 from assemblyhands_core.models.hand_keypoints import HandKeypointNet, KeypointEstimate
 from assemblyhands_core.models.mvexonet import HandEstimate, MVExoNet
+from assemblyhands_core.models.svegonet import SVEgoNet
 from assemblyhands_core.training.loop import Batch, Samples, Task
 
 _NEAR: Final = 1e-6  # of a depth, so that what is behind a camera divides by something
@@ -60,6 +62,30 @@ def mvexonet_task(network: MVExoNet, training: Samples, held_out: Samples) -> Ta
         return mean_distance(estimate(batch).joints_world_mm, batch["joints_world_mm"], batch["is_valid"])
 
     return Task(network, loss, error, training, held_out)
+
+
+def ego_task(network: SVEgoNet, training: Samples, held_out: Samples) -> Task:
+    """Return SVEgoNet's task, judged by the wrist-relative error in mm of the crop's own hand, wrists' depth known."""
+
+    def loss(batch: Batch) -> Tensor:
+        names = ("pixels", "depth_mm", "is_valid", "identity")
+        return network.loss(network(images_of(batch)), *(batch[name] for name in names))
+
+    def error(batch: Batch) -> tuple[Tensor, Tensor]:
+        found = network(images_of(batch))
+        # No matrix product, see `used_views`.
+        rays = torch.nn.functional.pad(found.pixels, (0, 1), value=1.0)[:, :, None] * batch["ray_from_pixel"][:, None]
+        joints = rays.sum(dim=-1) * (found.depth_mm + batch["wrist_depth_mm"])[..., None]
+        relative = (_from_wrist(joints), _from_wrist(batch["joints_camera_mm"]))
+        return mean_distance(*relative, batch["is_valid"] & batch["is_own"])
+
+    return Task(network, loss, error, training, held_out)
+
+
+def _from_wrist(joints_mm: Float[Tensor, "batch joint=42 3"]) -> Float[Tensor, "batch joint=42 3"]:
+    hands = joints_mm.view(len(joints_mm), -1, NUM_JOINTS, 3)
+    relative: Tensor = hands - hands[:, :, WRIST, None]
+    return relative.flatten(1, 2)
 
 
 def images_of(batch: Batch) -> Float[Tensor, "batch *view 3 height width"]:
