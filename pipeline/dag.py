@@ -32,6 +32,7 @@ from stages import (
     train_body_keypoints,
     train_keypoints,
     train_mvexonet,
+    train_svegonet,
     triangulate,
     undistort,
 )
@@ -169,7 +170,8 @@ def build_dag(num_rounds: int = 3) -> Dag:
         "evaluate": (*evaluations, "evaluation_bound"),
         "doctor": ("audit",),
         "undistort": ("undistort",),
-        "ego": ("project_ego",),
+        "ego": ("project_ego", "project_manual"),
+        "train_ego": ("svegonet_weights",),
         "simulate": ("delivery", "preview"),
         "training_data": ("training_crops", "body_views"),
         "train": ("body_weights", "keypoint_weights", "mvexonet_weights"),
@@ -302,13 +304,23 @@ def _add_egocentric(dag: Dag, last: str) -> None:
     """Add how an annotation becomes crops of the headset's pictures (paper, Sec. 4)."""
     dag.add("ingest_ego", ingest_ego.STAGE, sources=EGO_EDGE)
     dag.add("undistort_ego", undistort.STAGE, views="ingest_ego.views")
+    for name, joints in (("project_ego", f"{last}.joints"), ("project_manual", "labels.joints")):
+        dag.add(
+            name,
+            project_ego.STAGE,
+            chunks="ingest.chunks",
+            views="ingest_ego.views",
+            rectified_views="undistort_ego.rectified_views",
+            frames="ingest_ego.frames",
+            joints=joints,
+        )
     dag.add(
-        "project_ego",
-        project_ego.STAGE,
-        views="ingest_ego.views",
-        rectified_views="undistort_ego.rectified_views",
-        frames="ingest_ego.frames",
-        joints=f"{last}.joints",
+        "svegonet_weights",
+        train_svegonet.STAGE,
+        members=MEMBER_EDGE,
+        chunks="ingest.chunks",
+        manual="project_manual.crops",
+        automatic="project_ego.crops",
     )
 
 

@@ -24,8 +24,7 @@ from assemblyhands_core.training.hand_dataset import Augmentation, HandCrops
 from stages._contract import Context, StageConfig, Tables
 
 if TYPE_CHECKING:
-    from assemblyhands_core.models.hand_keypoints import HandKeypointNet
-    from assemblyhands_core.models.mvexonet import MVExoNet
+    from assemblyhands_core.models.pretrained import OurNetwork
     from assemblyhands_core.training.loop import Outcome, Schedule, Task
 
 
@@ -122,7 +121,7 @@ def data_sets(config: TrainingConfig, inputs: Tables, size_px: int) -> tuple[Han
 
 
 def fitted(
-    network: "MVExoNet | HandKeypointNet",
+    network: "OurNetwork",
     task: "Task",
     config: ScheduleConfig,
     context: Context,
@@ -152,7 +151,7 @@ def fitted(
     return {"weights": weights, "curve": _curve(outcome, context)}
 
 
-def started(network: "MVExoNet | HandKeypointNet", config: ScheduleConfig) -> bool:
+def started(network: "OurNetwork", config: ScheduleConfig) -> bool:
     """Fill a network with the weights that its training is to go on from; return whether there are any."""
     from assemblyhands_core.models.pretrained import start_from_weights
 

@@ -17,7 +17,7 @@ from pydantic import Field
 
 from assemblyhands_core.data.arrays import to_numpy
 from assemblyhands_core.data.camera_rows import camera_from_row, camera_to_row, missing_camera_row
-from assemblyhands_core.data.catalog import EGO_CROPS, EGO_FRAMES, JOINTS, RECTIFIED_VIEWS, VIEWS
+from assemblyhands_core.data.catalog import CHUNKS, EGO_CROPS, EGO_FRAMES, JOINTS, RECTIFIED_VIEWS, VIEWS
 from assemblyhands_core.data.crop_images import ImageRGB, encode_jpeg
 from assemblyhands_core.data.ego_boxes import OUTSIDE_VIEW, EgoBox, EgoRule, ego_box, identity_of, no_box
 from assemblyhands_core.data.rounds import joints_or_nan
@@ -75,13 +75,23 @@ class _Hands:
 
 def run(config: ProjectEgoConfig, inputs: Tables, context: Context) -> Tables:
     """Project and crop one chunk of frames."""
-    hands, videos = _hands(inputs["joints"]), {row["camera_id"]: row for row in inputs["views"].to_pylist()}
+    hands, videos = (
+        _hands(_of_chunk(inputs["joints"], inputs["chunks"])),
+        {row["camera_id"]: row for row in inputs["views"].to_pylist()},
+    )
     rows: list[Row] = []
     for rectified in inputs["rectified_views"].to_pylist():
         if rectified["valid"]:
             view = _view(videos[rectified["camera_id"]], rectified, inputs["frames"])
             rows += [{"sequence_id": context.sequence_id, **row} for row in _rows(config, view, hands, context)]
     return {"crops": EGO_CROPS.from_rows(rows)}
+
+
+def _of_chunk(joints: pa.Table, chunks: pa.Table) -> pa.Table:
+    """Return the joints at the frames of a chunk; those that people annotated are given for the whole sequence."""
+    (chunk,) = chunks.to_pylist()
+    frame = pc.field("frame")
+    return joints.filter((frame >= chunk["first_frame"]) & (frame < chunk["first_frame"] + chunk["num_frames"]))
 
 
 def _hands(joints: pa.Table) -> dict[int, _Hands]:
@@ -182,7 +192,13 @@ STAGE = Stage(
     name="project_ego",
     version=1,
     config=ProjectEgoConfig,
-    inputs={"views": VIEWS, "rectified_views": RECTIFIED_VIEWS, "frames": EGO_FRAMES, "joints": JOINTS},
+    inputs={
+        "chunks": CHUNKS,
+        "views": VIEWS,
+        "rectified_views": RECTIFIED_VIEWS,
+        "frames": EGO_FRAMES,
+        "joints": JOINTS,
+    },
     outputs={"crops": EGO_CROPS},
     run=run,
     shard="chunk",

@@ -14,8 +14,8 @@ import pyarrow.compute as pc
 from pydantic import Field
 
 from assemblyhands_core.data.assemblyhands import KEY_RATE_HZ, JointAnnotations, read_joint_annotations
-from assemblyhands_core.data.catalog import HAND_LABELS, SOURCES, VIEWS
-from assemblyhands_core.hands.joints import HANDS
+from assemblyhands_core.data.catalog import HAND_LABELS, JOINTS, SOURCES, VIEWS
+from assemblyhands_core.hands.joints import HANDS, NUM_JOINTS
 from stages._contract import Context, Stage, StageConfig, Tables
 
 _RATE_TOLERANCE = 0.01
@@ -40,7 +40,7 @@ def run(config: ReadLabelsConfig, inputs: Tables, context: Context) -> Tables:
     joints = recordings[context.sequence_id]
     frames = _frames(joints, config.first_key, _keys_per_frame(inputs["views"]), source["source_file"])
     rows = [{"sequence_id": context.sequence_id, **row} for row in _rows(joints, frames)]
-    return {"labels": HAND_LABELS.from_rows(rows)}
+    return {"labels": HAND_LABELS.from_rows(rows), "joints": JOINTS.from_rows([_as_joints(row) for row in rows])}
 
 
 def _keys_per_frame(views: pa.Table) -> int:
@@ -77,12 +77,23 @@ def _rows(joints: JointAnnotations, frames: list[int]) -> Iterator[dict[str, Any
                 }
 
 
+def _as_joints(row: dict[str, Any]) -> dict[str, Any]:
+    """Return a label as the stages take joints that were found."""
+    return {
+        **{name: row[name] for name in ("sequence_id", "frame", "hand", "joints_world_mm", "valid", "source")},
+        "reason": np.where(row["valid"], "", "not_annotated").tolist(),
+        "num_views": np.zeros(NUM_JOINTS),
+        "reprojection_px": np.full(NUM_JOINTS, np.nan),
+        "round": 0,
+    }
+
+
 STAGE = Stage(
     name="read_labels",
     version=1,
     config=ReadLabelsConfig,
     inputs={"sources": SOURCES, "views": VIEWS},
-    outputs={"labels": HAND_LABELS},
+    outputs={"labels": HAND_LABELS, "joints": JOINTS},
     run=run,
     shard="sequence",
 )

@@ -21,7 +21,9 @@ from torch import Tensor, nn
 from assemblyhands_core.models.encoder import ImageEncoder
 from assemblyhands_core.models.hand_keypoints import HandKeypointConfig, HandKeypointNet
 from assemblyhands_core.models.mvexonet import MVExoNet, MVExoNetConfig
+from assemblyhands_core.models.svegonet import SVEgoNet, SVEgoNetConfig
 
+OurNetwork = MVExoNet | HandKeypointNet | SVEgoNet
 Network = TypeVar("Network", bound=nn.Module)
 
 IMAGENET_BACKBONE: Final = "tf_efficientnet_lite0"
@@ -46,7 +48,7 @@ _OTHER_BLOCKS: Final = {
 }
 
 
-def save_weights(path: Path, network: MVExoNet | HandKeypointNet, card: Mapping[str, str]) -> None:
+def save_weights(path: Path, network: OurNetwork, card: Mapping[str, str]) -> None:
     """Write a network's weights, its config and its card to a safetensors file.
 
     Args:
@@ -85,7 +87,17 @@ def load_hand_keypoints(path: Path) -> HandKeypointNet:
     return _filled(network, path)
 
 
-def start_from_weights(network: MVExoNet | HandKeypointNet, path: Path) -> None:
+def load_svegonet(path: Path) -> SVEgoNet:
+    """Build SVEgoNet as a weights file describes it, for evaluation.
+
+    Raises:
+        ValueError: The file is of another network.
+    """
+    network = SVEgoNet(SVEgoNetConfig(**_config(path, "SVEgoNet")))
+    return _filled(network, path)
+
+
+def start_from_weights(network: OurNetwork, path: Path) -> None:
     """Fill a network with the weights of an earlier training, to go on from there.
 
     Raises:

@@ -11,7 +11,7 @@ import pytest
 from assemblyhands_core.data.assembly101 import write_assembly101_calibration
 from assemblyhands_core.data.assemblyhands import RECTIFIED_FOCAL_SCALE, EgoCalibration, write_ego_calibration
 from assemblyhands_core.data.camera_rows import camera_from_row
-from assemblyhands_core.data.catalog import JOINTS, SOURCES, VIEWS
+from assemblyhands_core.data.catalog import CHUNKS, JOINTS, SOURCES, VIEWS
 from assemblyhands_core.data.crop_images import decode_image
 from assemblyhands_core.data.video import VideoWriter
 from assemblyhands_core.geometry.cameras import Camera
@@ -131,7 +131,9 @@ def _annotation(joints: np.ndarray, frames: range = range(NUM_FRAMES)) -> pa.Tab
 def _run(
     headset: dict[str, pa.Table], annotation: pa.Table, config: ProjectEgoConfig = CONFIG
 ) -> dict[tuple[int, str], dict[str, Any]]:
-    rows = STAGE.run(config, {**headset, "joints": annotation}, Context(Path(), RECORDING))["crops"].to_pylist()
+    chunk = CHUNKS.from_rows([{"sequence_id": RECORDING, "chunk": 0, "first_frame": 0, "num_frames": 9}])
+    inputs = {**headset, "chunks": chunk, "joints": annotation}
+    rows = STAGE.run(config, inputs, Context(Path(), RECORDING))["crops"].to_pylist()
     return {(row["frame"], row["hand"]): row for row in rows}
 
 
@@ -184,6 +186,7 @@ def test_hands_that_give_no_crop_are_counted_by_reason(headset: dict[str, pa.Tab
     pose = np.reshape(camera["T_camera_from_world"], (4, 4))
     behind[0] += np.linalg.inv(pose)[:3, :3] @ [0.0, 0.0, -600.0]
     assert _run(headset, _annotation(behind, range(1)))[0, "right"]["reason"] == "behind_camera"
+    assert not _run(headset, _annotation(joints, range(9, 11))), "another chunk's frames"
     beyond = _run(headset, _annotation(joints, range(NUM_FRAMES, NUM_FRAMES + 1)))
     assert {row["reason"] for row in beyond.values()} == {"no_pose"}
     strict = _run(headset, _annotation(joints, range(1)), CONFIG.model_copy(update={"min_border_px": 400.0}))
