@@ -23,6 +23,7 @@ from stages import (
     ingest_ego,
     measure_quality,
     plan_crops,
+    predict_ego,
     preview_recording,
     project_ego,
     read_labels,
@@ -172,6 +173,7 @@ def build_dag(num_rounds: int = 3) -> Dag:
         "undistort": ("undistort",),
         "ego": ("project_ego", "project_manual"),
         "train_ego": ("svegonet_weights",),
+        "predict": ("predict_ego", "predict_manual"),
         "simulate": ("delivery", "preview"),
         "training_data": ("training_crops", "body_views"),
         "train": ("body_weights", "keypoint_weights", "mvexonet_weights"),
@@ -322,6 +324,8 @@ def _add_egocentric(dag: Dag, last: str) -> None:
         manual="project_manual.crops",
         automatic="project_ego.crops",
     )
+    for name, crops in (("predict_ego", "project_ego.crops"), ("predict_manual", "project_manual.crops")):
+        dag.add(name, predict_ego.STAGE, crops=crops, weights="svegonet_weights.weights")
 
 
 def _add_evaluation(dag: Dag, num_rounds: int) -> tuple[str, ...]:
