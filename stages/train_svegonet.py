@@ -1,5 +1,6 @@
 """Train SVEgoNet on egocentric crops: annotated by people, by our own last round, or by both (paper, Sec. 4)."""
 
+from collections.abc import Mapping
 from typing import Literal
 
 import pyarrow as pa
@@ -11,7 +12,9 @@ from assemblyhands_core.training.ego_dataset import PLAIN, EgoAugmentation, EgoC
 from stages._contract import Context, Stage, StageConfig, Tables
 from stages._training import ScheduleConfig, fitted, is_held_out, started, training_externals
 
-TRAINING, VALIDATION = "train", "val"
+# The paper's manual and automatic sets are of different sequences; in a run without manual ones, others' labels do.
+_TRAINING = {"manual": ("manual_train", "train"), "automatic": ("train",)}
+_VALIDATION = {"manual": ("manual_val", "val"), "automatic": ("val",)}
 
 
 class EgoAugmentationConfig(StageConfig):
@@ -42,7 +45,7 @@ def run(config: TrainSvegonetConfig, inputs: Tables, context: Context) -> Tables
     """Train on the training sequences of a run.
 
     Raises:
-        ValueError: There are none, or they have no such labels.
+        ValueError: There are none with such labels.
     """
     import torch
 
@@ -62,17 +65,14 @@ def run(config: TrainSvegonetConfig, inputs: Tables, context: Context) -> Tables
 
 def _data_sets(config: TrainSvegonetConfig, inputs: Tables) -> tuple[EgoCrops, EgoCrops]:
     """Return what is learnt from and what is held out: sequences of split `val`, else the last training takes."""
-    wanted = ("manual", "automatic") if config.labels == "both" else (config.labels,)
-    crops = pa.concat_tables([inputs[name] for name in wanted])
-    training, held_out = (_of_split(crops, inputs["members"], split) for split in (TRAINING, VALIDATION))
+    training, held_out = (pa.concat_tables(_by_label(config, inputs, splits)) for splits in (_TRAINING, _VALIDATION))
     if not training.num_rows:
-        raise ValueError(
-            f"no sequence of split {TRAINING} has egocentric crops with {config.labels} labels: add some to the run"
-        )
+        wanted = " or ".join(dict.fromkeys(split for kind in _kinds(config) for split in _TRAINING[kind]))
+        raise ValueError(f"no sequence of split {wanted} has egocentric crops with {config.labels} labels: add some")
     if not held_out.num_rows:
-        is_apart = is_held_out(
-            training, _of_split(inputs["chunks"], inputs["members"], TRAINING), config.held_out_share
-        )
+        names = pc.unique(training["sequence_id"])
+        takes = inputs["chunks"].filter(pc.is_in(inputs["chunks"]["sequence_id"], value_set=names))
+        is_apart = is_held_out(training, takes, config.held_out_share)
         training, held_out = training.filter(pc.invert(is_apart)), training.filter(is_apart)
     augmentation = EgoAugmentation(**config.augmentation.model_dump())
     learnt = EgoCrops.of(training, augmentation, config.image_size_px, config.seed)
@@ -80,9 +80,19 @@ def _data_sets(config: TrainSvegonetConfig, inputs: Tables) -> tuple[EgoCrops, E
     return learnt, judged.spread(config.max_held_out)
 
 
-def _of_split(rows: pa.Table, members: pa.Table, split: str) -> pa.Table:
-    names = members.filter(pc.equal(members["split"], split))["sequence_id"]
-    return rows.filter(pc.is_in(rows["sequence_id"], value_set=names.combine_chunks()))
+def _kinds(config: TrainSvegonetConfig) -> tuple[str, ...]:
+    return ("manual", "automatic") if config.labels == "both" else (config.labels,)
+
+
+def _by_label(config: TrainSvegonetConfig, inputs: Tables, splits: Mapping[str, tuple[str, ...]]) -> list[pa.Table]:
+    """Return the crops of each kind of labels that is wanted, of the sequences that are for it."""
+    split_of = {row["sequence_id"]: row["split"] for row in inputs["members"].to_pylist()}
+    tables = [EGO_CROPS.empty()]
+    for kind in _kinds(config):
+        split = next((name for name in splits[kind] if name in split_of.values()), "")
+        names = pa.array([name for name in split_of if split_of[name] == split], pa.string())
+        tables.append(inputs[kind].filter(pc.is_in(inputs[kind]["sequence_id"], value_set=names)))
+    return tables
 
 
 STAGE = Stage(

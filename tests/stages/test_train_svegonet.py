@@ -63,6 +63,8 @@ def test_it_learns_and_leaves_weights_that_can_be_read(tmp_path: Path) -> None:
         ("automatic", {"a": "train", "b": "train"}, 16, 6),
         ("both", {"a": "train", "b": "train"}, 27, 6),  # the last two takes are of b, which nobody annotated
         ("automatic", {"a": "train", "b": "val"}, 11, 11),
+        ("both", {"a": "manual_train", "b": "train"}, 16, 6),  # manual ones of a, automatic ones of b
+        ("manual", {"a": "manual_train", "b": "train"}, 8, 3),
     ],
 )
 def test_splits_and_labels_decide_what_is_learnt(
@@ -76,5 +78,7 @@ def test_splits_and_labels_decide_what_is_learnt(
 
 def test_without_training_sequences_it_says_so(tmp_path: Path) -> None:
     crops = _named(ego_crops(6), "a")
-    with pytest.raises(ValueError, match="no sequence of split train has egocentric crops with manual labels"):
+    with pytest.raises(
+        ValueError, match="no sequence of split manual_train or train has egocentric crops with manual labels"
+    ):
         _run(_config(labels="manual"), _inputs({"a": "test"}, crops, crops), tmp_path)
