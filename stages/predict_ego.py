@@ -18,6 +18,7 @@ from pydantic import Field
 from assemblyhands_core.data.arrays import to_numpy
 from assemblyhands_core.data.catalog import EGO_CROPS, EGO_HANDS, JOINTS, WEIGHTS
 from assemblyhands_core.data.crop_images import decode_image
+from assemblyhands_core.data.ego_boxes import IDENTITIES
 from assemblyhands_core.geometry.lifting import lifted_mm, wrist_depth_of_size_mm
 from assemblyhands_core.hands.joints import BONES, HANDS, NUM_JOINTS, WRIST
 from assemblyhands_core.hands.kinematics import HandSkeleton
@@ -55,7 +56,6 @@ def _predicted(config: PredictEgoConfig, crops: pa.Table, weights: Path, context
     # Importing torch takes seconds, which every command would pay at the head of this file.
     from assemblyhands_core.models.ego_prediction import predict_hands
     from assemblyhands_core.models.pretrained import load_svegonet
-    from assemblyhands_core.models.svegonet import IDENTITIES
 
     names = crops.select(EGO_HANDS.key).to_pylist()
     found = predict_hands(

@@ -24,11 +24,9 @@ from assemblyhands_core.data.rounds import joints_or_nan
 from assemblyhands_core.data.video import VideoReader
 from assemblyhands_core.geometry.cameras import Camera
 from assemblyhands_core.geometry.regions import RemapGrid, cut_region
-from assemblyhands_core.hands.joints import HANDS, NUM_JOINTS, Hand
+from assemblyhands_core.hands.joints import HANDS, NUM_BOTH, NUM_JOINTS, Hand
 from assemblyhands_core.metrics.keypoints import relative_to_wrist
 from stages._contract import Context, Stage, StageConfig, Tables
-
-_NUM_BOTH = len(HANDS) * NUM_JOINTS
 
 Floats = npt.NDArray[np.floating[Any]]
 Row = dict[str, Any]
@@ -158,7 +156,7 @@ def _crop(
         **camera_to_row(region.camera),
         "image": encode_jpeg(region.image, config.jpeg_quality),
         "joints_camera_mm": in_camera.ravel(),
-        "joints_wrist_relative_mm": relative_to_wrist(in_camera.reshape(1, _NUM_BOTH, 3)).ravel(),
+        "joints_wrist_relative_mm": relative_to_wrist(in_camera.reshape(1, NUM_BOTH, 3)).ravel(),
         "joints_px": pixels.ravel(),
         "is_labelled": (hands.is_known & region.camera.contains(pixels)).ravel(),
         "identity": identity_of(box, hand, other, hands.is_known[1 - own], config.rule()),
@@ -171,14 +169,14 @@ def _crop(
 
 
 def _hole(box: EgoBox) -> Row:
-    unknown = np.full(3 * _NUM_BOTH, np.nan)
+    unknown = np.full(3 * NUM_BOTH, np.nan)
     return {
         **missing_camera_row(),
         "image": b"",
         "joints_camera_mm": unknown,
         "joints_wrist_relative_mm": unknown,
-        "joints_px": np.full(2 * _NUM_BOTH, np.nan),
-        "is_labelled": np.zeros(_NUM_BOTH, dtype=bool),
+        "joints_px": np.full(2 * NUM_BOTH, np.nan),
+        "is_labelled": np.zeros(NUM_BOTH, dtype=bool),
         "identity": "",
         "num_in_image": box.num_in_image,
         "border_px": box.border_px,

@@ -18,7 +18,7 @@ from assemblyhands_core.data.camera_matrices import checked_intrinsics, checked_
 from assemblyhands_core.data.json_files import FormatError, json_object, member, numbers, read_json_object, write_json
 from assemblyhands_core.data.names import checked_component, ego_calibration_name
 from assemblyhands_core.geometry.cameras import Camera
-from assemblyhands_core.hands.joints import HANDS, NUM_JOINTS
+from assemblyhands_core.hands.joints import HANDS, NUM_BOTH, NUM_JOINTS
 
 KEY_RATE_HZ: Final = 60
 KEYS_PER_VIDEO_FRAME: Final = 2
@@ -26,7 +26,6 @@ EGO_SIZE_PX: Final = (636, 480)
 RECTIFIED_FOCAL_SCALE: Final = 0.7
 """Focal length of the release's rectified egocentric images, as a factor on the fisheye's (formats 2.5)."""
 
-_NUM_BOTH: Final = len(HANDS) * NUM_JOINTS
 _KEY: Final = re.compile(r"\d{6}", re.ASCII)
 
 
@@ -168,8 +167,8 @@ def frame_key(frame_60hz: int) -> str:
 
 
 def _joint_blocks(joints: JointAnnotations) -> dict[str, Any]:
-    coordinates = np.where(joints.is_valid[..., None], joints.joints_world_mm, 0.0).reshape(-1, _NUM_BOTH, 3)
-    valid = joints.is_valid.reshape(-1, _NUM_BOTH).astype(int)
+    coordinates = np.where(joints.is_valid[..., None], joints.joints_world_mm, 0.0).reshape(-1, NUM_BOTH, 3)
+    valid = joints.is_valid.reshape(-1, NUM_BOTH).astype(int)
     return {
         frame_key(int(frame)): {"world_coord": world.tolist(), "joint_valid": flags.tolist()}
         for frame, world, flags in zip(joints.frames_60hz, coordinates, valid, strict=True)
@@ -184,7 +183,7 @@ def _read_joints(blocks: object, where: str) -> JointAnnotations:
         place = f"{where}, frame {frame_key(frame)}"
         block = json_object(value, place)
         flags = _flags(member(block, "joint_valid", place), f"{place}, joint_valid")
-        joints = numbers(member(block, "world_coord", place), (_NUM_BOTH, 3), f"{place}, world_coord", is_finite=False)
+        joints = numbers(member(block, "world_coord", place), (NUM_BOTH, 3), f"{place}, world_coord", is_finite=False)
         if not np.isfinite(joints[flags]).all():
             raise FormatError(f"{place}, world_coord: a valid joint is not finite; correct it or mark it invalid.")
         world[index].reshape(-1, 3)[flags] = joints[flags]
@@ -193,10 +192,10 @@ def _read_joints(blocks: object, where: str) -> JointAnnotations:
 
 
 def _flags(value: object, where: str) -> Bool[np.ndarray, "joint=42"]:
-    is_column = isinstance(value, list) and len(value) == _NUM_BOTH and isinstance(value[0], list)
+    is_column = isinstance(value, list) and len(value) == NUM_BOTH and isinstance(value[0], list)
     if isinstance(value, list) and all(isinstance(flag, bool) for flag in value):
         value = [int(flag) for flag in value]
-    return np.asarray(numbers(value, (_NUM_BOTH, 1) if is_column else (_NUM_BOTH,), where).ravel() > 0)
+    return np.asarray(numbers(value, (NUM_BOTH, 1) if is_column else (NUM_BOTH,), where).ravel() > 0)
 
 
 def _calibration_block(ego: EgoCalibration) -> dict[str, Any]:

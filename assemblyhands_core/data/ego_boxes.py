@@ -16,7 +16,9 @@ OUTSIDE_VIEW: Final = "outside_view"
 TOO_FEW_JOINTS: Final = "too_few_joints"
 NEAR_BORDER: Final = "near_border"
 
-Identity = Literal["left", "right", "both"]
+Identity = Literal["right", "left", "both"]
+IDENTITIES: Final[tuple[Identity, ...]] = ("right", "left", "both")
+"""What a crop can show."""
 
 
 @dataclass(frozen=True)

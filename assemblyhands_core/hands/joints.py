@@ -13,6 +13,8 @@ Hand = Literal["right", "left"]
 HANDS: Final[tuple[Hand, Hand]] = ("right", "left")
 FINGERS: Final = ("thumb", "index", "middle", "ring", "pinky")
 NUM_JOINTS: Final = 21
+NUM_BOTH: Final = 2 * NUM_JOINTS
+"""Joints of both hands, right hand first."""
 WRIST: Final = 20
 ROOT: Final = 11
 

@@ -9,9 +9,10 @@ import numpy as np
 import torch
 from jaxtyping import Float32, UInt8
 
+from assemblyhands_core.data.ego_boxes import IDENTITIES
 from assemblyhands_core.data.hand_crops import window_map
 from assemblyhands_core.hands.joints import HANDS, NUM_JOINTS, Hand
-from assemblyhands_core.models.svegonet import IDENTITIES, Decoding, SVEgoNet
+from assemblyhands_core.models.svegonet import Decoding, SVEgoNet
 
 Picture = UInt8[np.ndarray, "_ _ 3"]  # among others of other sizes
 

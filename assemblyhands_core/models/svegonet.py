@@ -13,13 +13,10 @@ import torch.nn.functional as F
 from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
 
-from assemblyhands_core.hands.joints import HANDS, NUM_JOINTS
+from assemblyhands_core.data.ego_boxes import IDENTITIES
+from assemblyhands_core.hands.joints import NUM_BOTH
 from assemblyhands_core.models import heatmaps as maps
 from assemblyhands_core.models.encoder import STRIDE, ImageEncoder
-
-NUM_BOTH: Final = len(HANDS) * NUM_JOINTS
-IDENTITIES: Final = (*HANDS, "both")
-"""What a crop can show, in the order of the branch's outputs."""
 
 POSITION_WEIGHT: Final = 0.05  # per px
 DEPTH_WEIGHT: Final = 0.05  # per mm

@@ -11,9 +11,9 @@ from jaxtyping import Bool, Float64, Int64
 
 from assemblyhands_core.data.arrays import evenly_spread, to_numpy
 from assemblyhands_core.data.crop_images import ImageBytes, decode_image
+from assemblyhands_core.data.ego_boxes import IDENTITIES
 from assemblyhands_core.data.hand_crops import window_map
-from assemblyhands_core.hands.joints import HANDS, NUM_JOINTS, WRIST
-from assemblyhands_core.models.svegonet import IDENTITIES, NUM_BOTH
+from assemblyhands_core.hands.joints import HANDS, NUM_BOTH, NUM_JOINTS, WRIST
 
 _OTHER_HAND: Final = np.r_[NUM_JOINTS:NUM_BOTH, :NUM_JOINTS]
 _MIRRORED_IDENTITY: Final = np.array([1, 0, 2])

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 import torch
 
+from assemblyhands_core.data.ego_boxes import IDENTITIES
 from assemblyhands_core.models import heatmaps as maps
-from assemblyhands_core.models.svegonet import IDENTITIES, SVEgoNet, SVEgoNetConfig
+from assemblyhands_core.models.svegonet import SVEgoNet, SVEgoNetConfig
 
 TINY = SVEgoNetConfig("mobilenetv3_small_050", 3, 16, image_size_px=64, num_depths=8)
 
