@@ -139,12 +139,13 @@ def window_map(
     )
 
 
-def cut(view: StoredView, A_cut_from_stored: Float[np.ndarray, "3 3"], size_px: int) -> Cut:
-    """Cut a window out of a stored crop; what lies outside it is black."""
+def cut(view: StoredView, A_cut_from_stored: Float[np.ndarray, "3 3"], size_px: int, is_continued: bool = False) -> Cut:
+    """Cut a window out of a stored crop; what lies outside it is black, or the crop's mirror image."""
     picture = decode_image(view.image)
     shrinks = np.hypot(A_cut_from_stored[0, 0], A_cut_from_stored[1, 0])
     picture, A = _reduced(picture, A_cut_from_stored, shrinks)
-    image = cv2.warpAffine(picture, A[:2], (size_px, size_px), flags=cv2.INTER_LINEAR)
+    border = cv2.BORDER_REFLECT_101 if is_continued else cv2.BORDER_CONSTANT
+    image = cv2.warpAffine(picture, A[:2], (size_px, size_px), flags=cv2.INTER_LINEAR, borderMode=border)
     P = A_cut_from_stored @ view.P_pixel_from_world
     return Cut(np.asarray(image, dtype=np.uint8), P, np.asarray(A_cut_from_stored, dtype=np.float64))
 

@@ -1,8 +1,8 @@
 """Training sets of hands: every epoch sees each hand through other boxes, views and colours.
 
-Windows never leave the stored crop: the edge of what it lacks would tell where the true hand is. Source: paper,
-supplement B (box expansion γ of mean 1.5, root noise of ±5 mm on every axis); the rest is ours, and each part can be
-switched off.
+Where windows leave the stored crop it is continued by its mirror image: a black edge would tell where the true hand is.
+Source: paper, supplement B (box expansion γ of mean 1.5, root noise of ±5 mm on every axis); the rest is ours, and each
+part can be switched off.
 """
 
 from collections.abc import Mapping
@@ -18,7 +18,6 @@ from assemblyhands_core.data.hand_crops import (
     HandKey,
     HandLabel,
     StoredHand,
-    StoredView,
     cut,
     hand_labels,
     window_map,
@@ -91,7 +90,8 @@ def draw_sample(
     known = label.joints_world_mm[label.is_valid]
     for slot, index in enumerate(order[:num_views].tolist()):
         view = hand.views[index]
-        piece = cut(view, _drawn_window(view, known, augmentation, size_px, rng), size_px)
+        window = _drawn_window(view.project(known), augmentation, size_px, rng)
+        piece = cut(view, window, size_px, is_continued=True)
         images[slot] = _recoloured(piece.image, augmentation, rng)
         matrices[slot], is_used[slot] = piece.P_pixel_from_world, True
     noise = rng.uniform(-augmentation.root_mm, augmentation.root_mm, 3)
@@ -107,22 +107,13 @@ def draw_sample(
 
 
 def _drawn_window(
-    view: StoredView,
-    joints_world_mm: Float[np.ndarray, "point 3"],
-    augmentation: Augmentation,
-    size_px: int,
-    rng: np.random.Generator,
+    joints_px: Float[np.ndarray, "point 2"], augmentation: Augmentation, size_px: int, rng: np.random.Generator
 ) -> Float64[np.ndarray, "3 3"]:
-    """Return the map to a window around the joints, smaller and shifted where it would leave the stored crop."""
-    center, side = square_box(view.project(joints_world_mm), 1.0)
+    center, side = square_box(joints_px, 1.0)
     noise = rng.normal(size=3)
     side *= augmentation.gamma * float(np.exp(augmentation.gamma_spread * noise[0]))
     center = center + augmentation.center_spread * side * noise[1:]
     turn = np.deg2rad(augmentation.turn_deg) * float(rng.uniform(-1.0, 1.0))
-    widening = abs(np.cos(turn)) + abs(np.sin(turn))  # of what a turned square spans along x and y
-    side = min(side, min(view.size_px) / widening)
-    margin = side * widening / 2
-    center = np.clip(center, margin - 0.5, np.array(view.size_px) - 0.5 - margin)
     return window_map(center, side, size_px, turn)
 
 

@@ -76,28 +76,16 @@ def test_a_missing_view_is_never_drawn_and_sides_are_known(hand_tables: Tables) 
     assert len(data.spread(3)) == 3 and data.spread(3).hands[-1].key == data.hands[-1].key
 
 
-def test_windows_never_leave_the_stored_crop_and_loose_ones_fill_it(hand_tables: Tables) -> None:
+def test_beyond_the_stored_crop_it_is_continued_and_nowhere_black(hand_tables: Tables) -> None:
     loose = replace(WILD, gamma=3.5, gamma_spread=0.3, center_spread=0.3)
-    data, sides = hands(hand_tables, loose), []
-    corners = np.array([[-0.5, -0.5], [63.5, -0.5], [63.5, 63.5], [-0.5, 63.5]])
-    for epoch in range(20):
+    data, num_beyond = hands(hand_tables, loose), 0
+    for epoch in range(10):
         sample = data.sample(1, epoch)
-        views = {view.camera_id: view for view in data.hands[1].views}
         for slot in np.flatnonzero(sample["is_view_used"]):
-            # The cut's matrix is A times a stored crop's: whichever it is, A is affine.
-            maps = [
-                sample["P_pixel_from_world"][slot] @ np.linalg.pinv(view.P_pixel_from_world) for view in views.values()
-            ]
-            errors = [
-                np.abs(A @ v.P_pixel_from_world - sample["P_pixel_from_world"][slot]).max()
-                for A, v in zip(maps, views.values(), strict=True)
-            ]
-            A, view = maps[int(np.argmin(errors))], list(views.values())[int(np.argmin(errors))]
-            in_stored = (np.concatenate([corners, np.ones((4, 1))], axis=1) @ np.linalg.inv(A).T)[:, :2]
-            width, height = view.size_px
-            assert (in_stored > -0.51).all() and (in_stored < [width - 0.49, height - 0.49]).all()
-            sides.append(np.linalg.norm(in_stored[1] - in_stored[0]) / width)
-    assert 0.6 < np.median(sides) <= 1.0
+            assert sample["images"][slot].min() > 5, "the darkest thing in the pictures is grey"
+            points = projected(sample["P_pixel_from_world"][slot], sample["joints_world_mm"])
+            num_beyond += bool((points.max(axis=0) - points.min(axis=0)).max() < 64 / 4)  # the stored crop is γ 2 or so
+    assert num_beyond > 3
 
 
 def test_hands_of_which_no_box_can_be_drawn_are_left_out(hand_tables: Tables) -> None:
