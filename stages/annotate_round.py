@@ -65,6 +65,7 @@ class GuardConfig(StageConfig):
     max_bone_mm: float = Field(gt=0)
     max_reprojection_ratio: float = Field(ge=1)
     min_reprojection_px: float = Field(ge=0)
+    min_view_share: float = Field(ge=0, le=1)
     max_spread_ratio: float = Field(ge=1)
     max_course_px_ratio: float = Field(ge=1)
     min_instants: int = Field(ge=2)
@@ -113,7 +114,7 @@ def run(config: AnnotateRoundConfig, inputs: Tables, context: Context) -> Tables
     windows = _windows(config, known, inputs)
     reason, note = _reasons_not_to_ask(config, windows, inputs)
     joints, confidence = _asked(config, windows, reason == "", context)
-    estimates = _beside_others(config, inputs, known, joints)
+    estimates = _beside_others(config, inputs, known, windows, joints)
     is_judged = (reason == "") & (to_numpy(previous["round"]) != TRUE_ROUND)  # beside the truth every estimate is bad
     doubt, figures = doubts(estimates, is_judged, config.guard.limits())
     outcome = RoundOutcome(
@@ -165,7 +166,11 @@ def _earlier(inputs: Tables) -> Floats:
 
 
 def _beside_others(
-    config: AnnotateRoundConfig, inputs: Tables, known: Sequence[KnownHand], joints: Floats
+    config: AnnotateRoundConfig,
+    inputs: Tables,
+    known: Sequence[KnownHand],
+    windows: Sequence[HandWindows],
+    joints: Floats,
 ) -> Estimates:
     """Return the new joints with what they are judged by."""
     previous, cameras = inputs["joints"], valid_cameras(inputs["views"])
@@ -174,7 +179,9 @@ def _beside_others(
     seen_px = _keypoints(config, inputs, list(cameras))
     all_joints = (joints, joints_or_nan(previous), triangulated)
     pixels = [distances_px(points, list(cameras.values()), seen_px) for points in all_joints]
-    return Estimates(known, joints, triangulated, *pixels)
+    stood_on = mean_of_known(np.where(to_numpy(previous["valid"]), to_numpy(previous["num_views"]), np.nan), axis=1)
+    share = stood_on / np.maximum([len(hand.views) for hand in windows], 1)
+    return Estimates(known, joints, triangulated, *pixels, share)
 
 
 def _keypoints(config: AnnotateRoundConfig, inputs: Tables, camera_ids: list[str]) -> Floats:
@@ -218,7 +225,7 @@ def _externals(config: AnnotateRoundConfig, sequence_id: str) -> Mapping[str, st
 
 STAGE = Stage(
     name="annotate_round",
-    version=3,
+    version=4,
     config=AnnotateRoundConfig,
     inputs={
         "views": VIEWS,

@@ -22,6 +22,7 @@ class Estimates:
         distances_px: From the new joints to the 2D keypoints.
         previous_px: From the joints of the round before to them.
         triangulated_px: From those of 2D + triangulation to them.
+        previous_view_share: Share of the views on which the joints of the round before stand, in the mean.
     """
 
     known: Sequence[KnownHand]
@@ -30,6 +31,7 @@ class Estimates:
     distances_px: Float[np.ndarray, "hand view joint=21"]
     previous_px: Float[np.ndarray, "hand view joint=21"]
     triangulated_px: Float[np.ndarray, "hand view joint=21"]
+    previous_view_share: Float[np.ndarray, " hand"]
 
 
 def doubts(
@@ -57,6 +59,7 @@ def _step(estimates: Estimates, row: int, other: KnownHand | None) -> Step:
         body_center_world_mm=hand.center_world_mm,
         reprojection_px=now_px,
         previous_reprojection_px=before_px,
+        previous_view_share=float(estimates.previous_view_share[row]),
     )
 
 

@@ -25,6 +25,7 @@ class Limits:
         max_bone_mm: Longest bone.
         max_reprojection_ratio: Reprojection error over that of the round before.
         min_reprojection_px: Errors below are never too large.
+        min_view_share: Share of the views that the round before must stand on; less says nothing about the new one.
         max_spread_ratio: Spread of the bones' lengths over time, over that of 2D + triangulation ...
         max_course_px_ratio: ... where the course's reprojection error over that of 2D + triangulation is large, too.
         min_instants: Spread over fewer says nothing.
@@ -37,6 +38,7 @@ class Limits:
     max_bone_mm: float
     max_reprojection_ratio: float
     min_reprojection_px: float
+    min_view_share: float
     max_spread_ratio: float
     max_course_px_ratio: float
     min_instants: int
@@ -54,6 +56,7 @@ class Step:
         body_center_world_mm: Where the body says that the hand is.
         reprojection_px: Of the new estimate against the 2D keypoints.
         previous_reprojection_px: Of the round before against the same ones.
+        previous_view_share: Share of the views on which the joints of the round before stand, in the mean.
     """
 
     joints_world_mm: Float[np.ndarray, "joint=21 3"]
@@ -63,6 +66,7 @@ class Step:
     body_center_world_mm: Float[np.ndarray, "3"]
     reprojection_px: float
     previous_reprojection_px: float
+    previous_view_share: float
 
 
 class Divergence(NamedTuple):
@@ -143,6 +147,8 @@ def _place(step: Step, limits: Limits) -> Divergence | None:
 
 
 def _reprojection(step: Step, limits: Limits) -> Divergence | None:
+    if step.previous_view_share < limits.min_view_share:
+        return None
     now_px, before_px = step.reprojection_px, step.previous_reprojection_px
     if now_px > limits.min_reprojection_px and now_px > limits.max_reprojection_ratio * before_px:
         return Divergence("high_reprojection", f"{now_px:.1f} px from the 2D keypoints, before {before_px:.1f} px")

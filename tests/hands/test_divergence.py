@@ -20,11 +20,12 @@ LIMITS = Limits(
     max_course_px_ratio=1.5,
     min_instants=2,
     min_reprojection_px=10.0,
+    min_view_share=0.5,
 )
 HAND_MM = forward_kinematics(HandSkeleton.average(), HandPose("right", np.eye(4), np.zeros(20)))
 ROOT_MM, WRIST_MM = HAND_MM[ROOT], HAND_MM[WRIST]
 NOWHERE = np.full(3, np.nan)
-QUIET = Step(HAND_MM, ROOT_MM, WRIST_MM, NOWHERE, NOWHERE, 1.0, 1.0)
+QUIET = Step(HAND_MM, ROOT_MM, WRIST_MM, NOWHERE, NOWHERE, 1.0, 1.0, 1.0)
 
 
 def _reason(**changes: object) -> str:
@@ -81,6 +82,9 @@ def test_reprojection_has_to_be_both_large_and_much_larger() -> None:
     )
     assert _reason(reprojection_px=11.9, previous_reprojection_px=6.0) == ""
     assert _reason(reprojection_px=9.9, previous_reprojection_px=1.0) == ""
+    much = {"reprojection_px": 50.0, "previous_reprojection_px": 2.0}
+    assert _reason(**much, previous_view_share=0.49) == "", "two views of many fit anything"
+    assert _reason(**much, previous_view_share=0.5).startswith("high_reprojection")
 
 
 def _course(scale: float, *pixels: float, num_instants: int = 4) -> Course:

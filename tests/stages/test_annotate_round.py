@@ -37,6 +37,7 @@ GUARD = GuardConfig(
     max_course_px_ratio=1.5,
     min_instants=8,
     min_reprojection_px=12.0,
+    min_view_share=0.5,
 )
 CONFIG = AnnotateRoundConfig(
     weights="weights.safetensors",
@@ -356,6 +357,15 @@ def test_an_estimate_beyond_belief_gives_way_to_the_round_before(
     tables = run(KnownAnswer(believed))
     assert {row["kept_round"] for row in tables["rounds"]} == {1}
     assert {row["source"] for row in tables["joints"]} == {"mvexonet"}
+
+
+def test_joints_that_stand_on_a_view_of_four_are_nothing_to_hold_a_new_estimate_against(run: Any) -> None:
+    answer, joints = _moved(0.0, 90.0, 0.0), _joints()
+    place = joints.schema.get_field_index("num_views")
+    for num_views, reason in ((2, "high_reprojection"), (1, "")):
+        column = pa.array([[num_views] * 21] * joints.num_rows, joints.schema.field(place).type)
+        few = {"joints": joints.set_column(place, joints.schema.field(place), column)}
+        assert {row["reason"] for row in run(KnownAnswer(answer), few)["rounds"]} == {reason}
 
 
 def test_a_hand_whose_bones_vary_and_that_fits_its_keypoints_worse_keeps_the_round_before_all_along(run: Any) -> None:
