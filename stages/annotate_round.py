@@ -178,10 +178,17 @@ def _beside_others(
     triangulated = np.where((place >= 0)[:, None, None], joints_or_nan(inputs["triangulated"])[place], np.nan)
     seen_px = _keypoints(config, inputs, list(cameras))
     all_joints = (joints, joints_or_nan(previous), triangulated)
-    pixels = [distances_px(points, list(cameras.values()), seen_px) for points in all_joints]
+    now_px, before_px, first_px = (distances_px(points, list(cameras.values()), seen_px) for points in all_joints)
     stood_on = mean_of_known(np.where(to_numpy(previous["valid"]), to_numpy(previous["num_views"]), np.nan), axis=1)
-    share = stood_on / np.maximum([len(hand.views) for hand in windows], 1)
-    return Estimates(known, joints, triangulated, *pixels, share)
+    return Estimates(
+        known=known,
+        joints_world_mm=joints,
+        triangulated_world_mm=triangulated,
+        distances_px=now_px,
+        previous_px=before_px,
+        triangulated_px=first_px,
+        previous_view_share=stood_on / np.maximum([len(hand.views) for hand in windows], 1),
+    )
 
 
 def _keypoints(config: AnnotateRoundConfig, inputs: Tables, camera_ids: list[str]) -> Floats:
