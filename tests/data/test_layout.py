@@ -81,7 +81,7 @@ def test_manifests_have_the_stated_sizes_and_no_name_twice() -> None:
     assert {name: len(rows) for name, rows in sets.items()} == {
         "tiny": 2,
         "small": 12,
-        "test": 5,
+        "test": 10,
         "desktop": 3,
         "full": 86,
     }
