@@ -37,6 +37,9 @@ def main() -> None:
     parser.add_argument("--threads", type=int, default=2)
     parser.add_argument("--repeats", type=int, default=3)
     options = parser.parse_args()
+    if not (options.run / NODE / "manifest.json").is_file():
+        print(f"{options.run} has no {NODE}: run `make annotate` first")
+        return
     inputs, config = chunk_of(options.run)
     clock = NetworkClock()
     annotation._forward = clock.wrapped(annotation._forward)

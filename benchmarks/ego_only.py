@@ -4,8 +4,9 @@
 
 Hands of the split `test`, whom no network was trained on, are cropped out of the headset's four cameras and, at the
 same instants, out of the eight fixed ones; one 2D network looks at all crops, one triangulation joins either set.
-Boxes are around the true hand (γ 2.4, as loose as detected ones), in favour of the headset: nothing tells there where
-hands are. Figures are of the simulator, not of the AssemblyHands recordings.
+Boxes are around the true hand (γ 2.4, as loose as detected ones): nothing tells in the headset where hands are. The
+network was trained on pictures of the fixed cameras alone, grey ones of a headset are new to it. Figures are of the
+simulator, not of the AssemblyHands recordings.
 """
 
 import argparse
