@@ -18,6 +18,7 @@ from stages import (
     draw_crops,
     draw_overlays,
     evaluate,
+    evaluate_ego,
     film_take,
     ingest,
     ingest_ego,
@@ -173,7 +174,7 @@ def build_dag(num_rounds: int = 3) -> Dag:
         "undistort": ("undistort",),
         "ego": ("project_ego", "project_manual"),
         "train_ego": ("svegonet_weights",),
-        "predict": ("predict_ego", "predict_manual"),
+        "predict": ("predict_ego", "predict_manual", "ego_evaluation"),
         "simulate": ("delivery", "preview"),
         "training_data": ("training_crops", "body_views"),
         "train": ("body_weights", "keypoint_weights", "mvexonet_weights"),
@@ -326,6 +327,14 @@ def _add_egocentric(dag: Dag, last: str) -> None:
     )
     for name, crops in (("predict_ego", "project_ego.crops"), ("predict_manual", "project_manual.crops")):
         dag.add(name, predict_ego.STAGE, crops=crops, weights="svegonet_weights.weights")
+    dag.add(
+        "ego_evaluation",
+        evaluate_ego.STAGE,
+        manual_crops="project_manual.crops",
+        manual_hands="predict_manual.hands",
+        automatic_crops="project_ego.crops",
+        automatic_hands="predict_ego.hands",
+    )
 
 
 def _add_evaluation(dag: Dag, num_rounds: int) -> tuple[str, ...]:

@@ -336,6 +336,21 @@ ERRORS: Final = TableSpec(
         ]
     ),
 )
+EGO_ERRORS: Final = TableSpec(
+    "ego_errors",
+    1,
+    ("sequence_id", "frame", "hand", "camera_id", "labels"),
+    pa.schema(
+        [
+            *_HAND_VIEW,
+            ("labels", _TEXT),  # manual, automatic: held against whose
+            ("error_mm", _each(pa.float32(), NUM_JOINTS)),  # with both wrists at the origin; NaN where missing
+            ("is_labelled", _each(_FLAG, NUM_JOINTS)),
+            ("is_identity_right", _FLAG),
+            ("border_px", pa.float32()),  # from the hand's joints to the border of the picture
+        ]
+    ),
+)
 EVALUATION: Final = TableSpec(
     "evaluation",
     1,

@@ -1,0 +1,89 @@
+"""Figures of egocentric predictions (paper, Sec. 4, Table 4): wrist-relative errors of crops, and whose hands they are.
+
+The wrist itself counts with error 0, as in the AssemblyHands toolkit (formats 2.8).
+"""
+
+from collections.abc import Iterator
+from typing import Final
+
+import numpy as np
+import pyarrow as pa
+from jaxtyping import Bool
+
+from assemblyhands_core.data.arrays import to_numpy
+from assemblyhands_core.metrics.annotation import Cell, Quantity, Resampling, make_cell, masked
+from assemblyhands_core.metrics.bootstrap import block_sums, draw_weights, mean_interval
+from assemblyhands_core.metrics.keypoints import pck_auc_shares
+
+TABLE: Final = "ego"
+BORDER_BOUNDS_PX: Final = (20.0, 80.0)
+
+
+def evaluate_egocentric(errors: pa.Table, resampling: Resampling) -> list[Cell]:
+    """Return the figures over all crops of each kind of labels, and by camera, hand and distance to the border.
+
+    Args:
+        errors: Rows of the table `EGO_ERRORS`, of any number of sequences.
+        resampling: How intervals are drawn.
+    """
+    cells: list[Cell] = []
+    for labels in sorted(set(errors["labels"].to_pylist())):
+        cells += _cells(labels, errors.filter(pa.compute.equal(errors["labels"], labels)), resampling)
+    return cells
+
+
+def _cells(labels: str, errors: pa.Table, resampling: Resampling) -> Iterator[Cell]:
+    block, num_blocks = _blocks(errors, resampling.block_frames)
+    weights = draw_weights(num_blocks, resampling.num_resamples, resampling.seed)
+    quantities = _quantities(errors)
+    for table, name, is_member in _groups(errors):
+        sums = {
+            metric: block_sums(
+                quantity.amount[is_member].sum(axis=1, keepdims=True),
+                quantity.counts[is_member].sum(axis=1, keepdims=True),
+                block[is_member],
+                num_blocks,
+            )
+            for metric, quantity in quantities.items()
+        }
+        coverage = float(sums["coverage"].mean()[0])
+        for metric, of_metric in sums.items():
+            interval = mean_interval(of_metric, weights, resampling.level)
+            yield make_cell((table, name, labels, metric), interval, of_metric, coverage)
+
+
+def _quantities(errors: pa.Table) -> dict[str, Quantity]:
+    error_mm = to_numpy(errors["error_mm"]).astype(np.float64)
+    labelled = to_numpy(errors["is_labelled"]).astype(bool)
+    found = labelled & np.isfinite(error_mm)
+    is_right = to_numpy(errors["is_identity_right"]).astype(bool)[:, None]
+    return {
+        "wrist_relative_mpjpe_mm": masked(error_mm, found),
+        "pck_auc": masked(100 * pck_auc_shares(error_mm), labelled),
+        "coverage": masked(100.0 * found, labelled),
+        "identity_accuracy": masked(100.0 * is_right, np.ones_like(is_right)),
+    }
+
+
+def _blocks(errors: pa.Table, block_frames: int) -> tuple[np.ndarray, int]:
+    """Return which stretch of which sequence each row belongs to, and how many there are; cameras share them."""
+    _, sequence = np.unique(to_numpy(errors["sequence_id"]).astype(str), return_inverse=True)
+    places = np.stack([sequence, to_numpy(errors["frame"]) // block_frames], axis=1)
+    _, block = np.unique(places, axis=0, return_inverse=True)
+    return block.ravel(), int(block.max(initial=-1)) + 1
+
+
+def _groups(errors: pa.Table) -> Iterator[tuple[str, str, Bool[np.ndarray, " row"]]]:
+    yield TABLE, "", np.ones(errors.num_rows, dtype=bool)
+    for column, table in (("camera_id", "by_camera"), ("hand", "by_hand")):
+        values = to_numpy(errors[column]).astype(str)
+        for value in np.unique(values):
+            yield f"{TABLE}_{table}", str(value), values == value
+    near, far = BORDER_BOUNDS_PX
+    border_px = to_numpy(errors["border_px"])
+    for name, is_member in (
+        (f"near (< {near:g} px)", border_px < near),
+        (f"middle ({near:g} to {far:g} px)", (border_px >= near) & (border_px < far)),
+        (f"far (>= {far:g} px)", border_px >= far),
+    ):
+        yield f"{TABLE}_by_border", name, is_member
