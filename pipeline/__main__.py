@@ -17,7 +17,7 @@ from pipeline.describe import describe
 from pipeline.overrides import is_sweep, literal, stray_word
 
 _INTERRUPTED = 130  # as shells count it: 128 + SIGINT
-_COMMANDS = ("run", "plan", "gc", "describe")
+_COMMANDS = ("run", "plan", "preflight", "gc", "describe")
 _USAGE = """usage: python -m pipeline [COMMAND] [parameter=value ...]
 
 commands
@@ -26,7 +26,10 @@ commands
   evaluate   annotate, hold every round against the truth where it is known, and write a report
   simulate   record synthetic sequences in the simulated studio
   train      draw crops and train our networks on them: manifest=data_manifests/training_crops.csv
+  predict    hands in the headset's pictures, with SVEgoNet; held against labels where there are any
+  train_ego  train SVEgoNet on a manifest's sequences of split train
   doctor     look a recording over before hours are spent on it
+  preflight  say what of the AssemblyHands release is there: manifest=data_manifests/assemblyhands_v1_1.csv release=PATH
   plan       say what would run, what is reused, and why; changes nothing
   gc         remove results that none of the newest runs refers to
   describe   the DAG and all tables, in Markdown

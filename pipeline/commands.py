@@ -22,6 +22,7 @@ from pipeline.garbage import find_garbage
 from pipeline.history import History
 from pipeline.interrupts import interrupts_kept
 from pipeline.plan import make_plan, total_seconds
+from pipeline.preflight import preflight
 from pipeline.progress import Progress
 from pipeline.publishing import publish
 from pipeline.recordings import select_recordings, synthetic_sequences
@@ -42,6 +43,8 @@ def execute(command: str, config: RunConfig, command_line: str) -> int:
     config = config.model_copy(update={"workspace": config.workspace.absolute()})
     if command == "plan":
         return _plan(config, console)
+    if command == "preflight":
+        return preflight(config, console)
     if command == "gc":
         return _collect_garbage(config, console)
     if (before := _recording_first(config)) is not None:

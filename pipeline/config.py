@@ -51,6 +51,7 @@ class RunConfig(_Model):
     seq: str
     target: str
     manifest: str | None
+    release: Path | None
     workspace: Path
     run: str
     rounds: int = Field(ge=0, le=9)

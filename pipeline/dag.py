@@ -31,12 +31,14 @@ from stages import (
     script_take,
     smooth_joints,
     start_from_truth,
+    tabulate_ego,
     train_body_keypoints,
     train_keypoints,
     train_mvexonet,
     train_svegonet,
     triangulate,
     undistort,
+    use_weights,
 )
 from stages._contract import Sharding, Stage
 
@@ -116,7 +118,9 @@ class Dag:
             self._check_edge(name, stage, role, edge)
         sources = {edge.split(".")[0] for edge in inputs.values() if edge not in ORIGINS}
         upstream = {source: self.nodes[source].stage.name for source in self.nodes if source in sources}
-        self.nodes[name] = Node(name, stage, inputs, upstream, shard, self._chunk_edge(upstream))
+        chunk_edge = self._chunk_edge(stage, inputs, upstream)
+        self._check_chunks(name, shard, chunk_edge, upstream)
+        self.nodes[name] = Node(name, stage, inputs, upstream, shard, chunk_edge)
 
     def upto(self, targets: tuple[str, ...], absent: Collection[str] = ()) -> list[Node]:
         """Return the nodes that the targets need, in order; not those that an absent origin of ``ORIGINS`` leads to."""
@@ -128,16 +132,26 @@ class Dag:
         wanted = set(targets) - impossible
         for node in reversed(self.nodes.values()):
             if node.name in wanted:
-                wanted.update(node.upstream)
+                wanted.update(set(node.upstream) - impossible)
         return [node for node in self.nodes.values() if node.name in wanted]
 
     def reads(self, edge: str, targets: tuple[str, ...]) -> bool:
         """Tell whether targets start from one of `ORIGINS`."""
         return any(edge in node.inputs.values() for node in self.upto(targets))
 
-    def _chunk_edge(self, upstream: Mapping[str, str]) -> str:
+    def _chunk_edge(self, stage: Stage[Any], inputs: Mapping[str, str], upstream: Mapping[str, str]) -> str:
+        """Return the chunks that a node is told, or else those of the first node upstream that has any."""
+        told = [edge for role, edge in inputs.items() if stage.inputs[role] is CHUNKS]
         nodes = [self.nodes[name] for name in upstream]
-        return next((f"{n.name}.{n.cut}" if n.cut else n.chunk_edge for n in nodes if n.cut or n.chunk_edge), "")
+        found = [f"{n.name}.{n.cut}" if n.cut else n.chunk_edge for n in nodes if n.cut or n.chunk_edge]
+        return next(iter([*told, *found]), "")
+
+    def _check_chunks(self, name: str, shard: Sharding, chunk_edge: str, upstream: Mapping[str, str]) -> None:
+        others = [self.nodes[other] for other in upstream if self.nodes[other].shard == "chunk"]
+        odd = [other for other in others if shard == "chunk" and other.chunk_edge != chunk_edge]
+        if odd:
+            cuts = f"{chunk_edge}, {odd[0].name} by {odd[0].chunk_edge}"
+            raise ValueError(f"node {name} is cut by {cuts}: their chunks do not belong together")
 
     def _check_edge(self, name: str, stage: Stage[Any], role: str, edge: str) -> None:
         wanted = stage.inputs[role]
@@ -173,7 +187,8 @@ def build_dag(num_rounds: int = 3) -> Dag:
         "doctor": ("audit",),
         "undistort": ("undistort",),
         "ego": ("project_ego", "project_manual"),
-        "train_ego": ("svegonet_weights",),
+        "train_ego": ("svegonet_both", "ego_evaluation_both"),
+        "cross": tuple(f"ego_evaluation_{labels}" for labels in ("manual", "automatic", "both")),
         "predict": ("predict_ego", "predict_manual", "ego_evaluation"),
         "simulate": ("delivery", "preview"),
         "training_data": ("training_crops", "body_views"),
@@ -307,34 +322,40 @@ def _add_egocentric(dag: Dag, last: str) -> None:
     """Add how an annotation becomes crops of the headset's pictures (paper, Sec. 4)."""
     dag.add("ingest_ego", ingest_ego.STAGE, sources=EGO_EDGE)
     dag.add("undistort_ego", undistort.STAGE, views="ingest_ego.views")
-    for name, joints in (("project_ego", f"{last}.joints"), ("project_manual", "labels.joints")):
+    for name, chunks, joints in (
+        ("project_ego", "ingest.chunks", f"{last}.joints"),
+        ("project_manual", "ingest_ego.chunks", "ingest_ego.joints"),  # needs nothing of the fixed cameras
+    ):
         dag.add(
             name,
             project_ego.STAGE,
-            chunks="ingest.chunks",
+            chunks=chunks,
             views="ingest_ego.views",
             rectified_views="undistort_ego.rectified_views",
             frames="ingest_ego.frames",
+            boxes="ingest_ego.boxes",
             joints=joints,
         )
-    dag.add(
-        "svegonet_weights",
-        train_svegonet.STAGE,
-        members=MEMBER_EDGE,
-        chunks="ingest.chunks",
-        manual="project_manual.crops",
-        automatic="project_ego.crops",
-    )
-    for name, crops in (("predict_ego", "project_ego.crops"), ("predict_manual", "project_manual.crops")):
-        dag.add(name, predict_ego.STAGE, crops=crops, weights="svegonet_weights.weights")
-    dag.add(
-        "ego_evaluation",
-        evaluate_ego.STAGE,
-        manual_crops="project_manual.crops",
-        manual_hands="predict_manual.hands",
-        automatic_crops="project_ego.crops",
-        automatic_hands="predict_ego.hands",
-    )
+    dag.add("svegonet", use_weights.STAGE)
+    _add_prediction(dag, "", "svegonet.weights")
+    crops = {"members": MEMBER_EDGE, "manual": "project_manual.crops", "automatic": "project_ego.crops"}
+    for name, stage in (
+        ("manual", train_svegonet.ON_MANUAL),
+        ("automatic", train_svegonet.ON_AUTOMATIC),
+        ("both", train_svegonet.STAGE),
+    ):
+        dag.add(f"svegonet_{name}", stage, **{role: crops[role] for role in stage.inputs})
+        _add_prediction(dag, f"_{name}", f"svegonet_{name}.weights")
+
+
+def _add_prediction(dag: Dag, suffix: str, weights: str) -> None:
+    """Add how an egocentric network is used, and held against both kinds of labels."""
+    for name in ("ego", "manual"):
+        crops = f"project_{name}.crops"
+        dag.add(f"predict_{name}{suffix}", predict_ego.STAGE, crops=crops, weights=weights)
+        dag.add(f"errors_{name}{suffix}", evaluate_ego.STAGE, crops=crops, hands=f"predict_{name}{suffix}.hands")
+    errors = {"manual": f"errors_manual{suffix}.errors", "automatic": f"errors_ego{suffix}.errors"}
+    dag.add(f"ego_evaluation{suffix}", tabulate_ego.STAGE, members=MEMBER_EDGE, **errors)
 
 
 def _add_evaluation(dag: Dag, num_rounds: int) -> tuple[str, ...]:

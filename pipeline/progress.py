@@ -60,7 +60,9 @@ class Progress:
     def note(self, work: SequenceWork, result: Result) -> None:
         """Show that a shard has come to its end."""
         row = self._row(result.node)
-        frames = row.fields["frames"] + (work.num_frames(result.shard) if result.status == "done" else 0)
+        frames = row.fields["frames"] + (
+            work.num_frames(work.config.dag.nodes[result.node], result.shard) if result.status == "done" else 0
+        )
         elapsed = time.monotonic() - self._started
         rate = f"{frames / elapsed:.1f} frames/s" if frames else ""
         self._bars.update(row.id, advance=1, frames=frames, rate=rate)

@@ -5,15 +5,20 @@ import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Final
 
 from assemblyhands_core.data.digests import FileDigests
+from assemblyhands_core.data.label_rows import FROM_FIRST_KEY
 from assemblyhands_core.data.layout import DatasetLayout
 from assemblyhands_core.data.packages import PackageError, fetch_package
-from assemblyhands_core.data.split_files import EGO_SHARE, JOINTS_SHARE
+from assemblyhands_core.data.split_files import ACTIONS_SHARE, EGO_SHARE, JOINTS_SHARE
 from pipeline.config import RunConfig, UserError
 from pipeline.dag import EGO_EDGE, LABEL_EDGE, SOURCE_EDGE, TRUTH_EDGE
 from pipeline.manifests import MANIFESTS, ManifestRow, checked_name, select_rows
 from pipeline.takes import CROPS_PACKAGE, STUDIO_PACKAGE, studio_folder
+
+RELEASE_PACKAGE: Final = "assemblyhands"
+"""What manifests call recordings of the AssemblyHands release, which the user has downloaded."""
 
 
 @dataclass(frozen=True)
@@ -29,12 +34,16 @@ class Recording:
         ground_truth: folder of what is true in it, for evaluation alone; None where nobody knows.
         labels: joints that people annotated, an AssemblyHands `joint_3d` file; None without any.
         ego_calibration: poses of its headset's cameras, an AssemblyHands `ego_calib` file; None without headset.
-        ego_videos: the headset's videos by camera name.
+        ego_videos: the headset's raw videos by camera name.
+        ego_images: the list of its rectified pictures instead, an AssemblyHands `ego_data` file; None without any.
+        ego_image_folder: where the names in that list begin.
+        actions: what is being done when, a fine-grained CSV file of Assembly101; None where nobody says.
+        label_name: how keys of the labels count, see `label_rows.FROM_FIRST_KEY`.
         split: what it is for: train, val, test; empty where nobody says.
     """
 
     sequence_id: str
-    calibration: Path
+    calibration: Path | None
     videos: Mapping[str, Path]
     keypoints: Path | None = None
     detector: str = "mediapipe"
@@ -42,6 +51,10 @@ class Recording:
     labels: Path | None = None
     ego_calibration: Path | None = None
     ego_videos: Mapping[str, Path] = field(default_factory=dict)
+    ego_images: Path | None = None
+    ego_image_folder: Path | None = None
+    actions: Path | None = None
+    label_name: str = "joint_3d"
     split: str = ""
 
     def origin_rows(self, digests: FileDigests) -> Mapping[str, Sequence[Mapping[str, str]]]:
@@ -49,20 +62,36 @@ class Recording:
 
         So nothing but the headset's part runs again when its files change, nothing but evaluation with the truth.
         """
-        given = [("calibration", "calibration", self.calibration), *(("video", n, p) for n, p in self.videos.items())]
         files = sorted(self.ground_truth.glob("*.parquet")) if self.ground_truth else []
         true = [("ground_truth", path.stem, path) for path in files]
         return {
-            SOURCE_EDGE: self._rows(given, digests),
-            LABEL_EDGE: self._rows([("labels", "joint_3d", self.labels)] if self.labels else [], digests),
+            SOURCE_EDGE: self._rows(self._rig_files(), digests),
+            LABEL_EDGE: self._rows(self._label_files(), digests),
             EGO_EDGE: self._rows(self._ego_files(), digests),
             TRUTH_EDGE: self._rows(true, digests),
         }
 
-    def _ego_files(self) -> Iterator[tuple[str, str, Path]]:
-        if self.ego_calibration is not None:
+    def _rig_files(self) -> Iterator[tuple[str, str, Path]]:
+        if self.calibration is not None and self.videos:
             yield "calibration", "calibration", self.calibration
-            yield "ego_calibration", "ego_calibration", self.ego_calibration
+            yield from (("video", name, path) for name, path in self.videos.items())
+
+    def _label_files(self) -> Iterator[tuple[str, str, Path]]:
+        if self.labels is not None:
+            yield "labels", self.label_name, self.labels
+
+    def _ego_files(self) -> Iterator[tuple[str, str, Path]]:
+        if self.ego_calibration is None or not (self.ego_videos or self.ego_images):
+            return
+        yield "ego_calibration", "ego_calibration", self.ego_calibration
+        yield from self._label_files()
+        if self.actions is not None:
+            yield "actions", "fine_grained", self.actions
+        if self.ego_images is not None and self.ego_image_folder is not None:
+            yield "ego_images", "ego_data", self.ego_images
+            yield "ego_image_folder", "images", self.ego_image_folder
+        elif self.calibration is not None:
+            yield "calibration", "calibration", self.calibration
             yield from (("ego_video", name, path) for name, path in self.ego_videos.items())
 
     def _rows(self, files: Iterable[tuple[str, str, Path]], digests: FileDigests) -> tuple[Mapping[str, str], ...]:
@@ -72,7 +101,7 @@ class Recording:
                 "role": role,
                 "name": name,
                 "source_file": str(path),
-                "sha256": digests(path),
+                "sha256": digests(path) if path.is_file() else "",  # of a folder: its list says what it holds
             }
             for role, name, path in files
         )
@@ -88,7 +117,7 @@ def select_recordings(config: RunConfig) -> list[Recording]:
         raise UserError("a rig of one's own takes both rig.calibration=PATH and rig.videos='GLOB'")
     if config.rig.calibration is not None and config.rig.videos is not None:
         return [_recording(checked_name(config.seq), Path(config.rig.calibration), config.rig.videos)]
-    return [_from_manifest(row, config.workspace) for row in select_rows(config)]
+    return [_from_manifest(row, config) for row in select_rows(config)]
 
 
 def synthetic_sequences(config: RunConfig) -> frozenset[str]:
@@ -100,8 +129,11 @@ def synthetic_sequences(config: RunConfig) -> frozenset[str]:
     )
 
 
-def _from_manifest(row: ManifestRow, workspace: Path) -> Recording:
+def _from_manifest(row: ManifestRow, config: RunConfig) -> Recording:
     """Return a row's recording; its paths are relative to the package's files, or to the manifest's folder."""
+    if row["package"] == RELEASE_PACKAGE:
+        return from_release(row, release_folder(config))
+    workspace = config.workspace
     if row["package"] == STUDIO_PACKAGE:
         row = {**row, **_studio_paths(row["sequence_id"], studio_folder(workspace))}
     folder = _package_folder(row, workspace) if row["package"] else Path(row["folder"])
@@ -112,10 +144,52 @@ def _from_manifest(row: ManifestRow, workspace: Path) -> Recording:
         detector="learned" if row["package"] == STUDIO_PACKAGE else found.detector,
         ground_truth=_optional_folder(folder, row, "ground_truth"),
         labels=_optional_file(folder, row, "labels"),
+        actions=_optional_file(folder, row, "actions"),
         ego_calibration=_optional_file(folder, row, "ego_calibration"),
         ego_videos=_videos(row["sequence_id"], str(folder / row["ego_videos"])) if row["ego_videos"] else {},
         split=row["split"],
     )
+
+
+def release_folder(config: RunConfig) -> DatasetLayout:
+    """Return where the user has the AssemblyHands release.
+
+    Raises:
+        UserError: nobody says where.
+    """
+    if config.release is None:
+        raise UserError(
+            "say where the AssemblyHands release lies, the folder of `annotations` and `images`: release=PATH"
+        )
+    if not config.release.is_dir():
+        raise UserError(f"release={config.release} is no folder: give that of `annotations` and `images`")
+    return DatasetLayout(config.release.absolute())
+
+
+def from_release(row: ManifestRow, layout: DatasetLayout) -> Recording:
+    """Return a recording of the AssemblyHands release with what the user has of it (formats 2.1).
+
+    Raises:
+        UserError: there is nothing of it.
+    """
+    name, split = row["sequence_id"], row["split"]
+    calibration = layout.exo_calibration(name)
+    videos = {path.stem: path for path in sorted(calibration.parent.glob("*.mp4"))}
+    labels, ego, images = (layout.annotations(split, kind) for kind in ("joint_3d", "ego_calib", "ego_data"))
+    found = Recording(
+        sequence_id=name,
+        calibration=calibration if calibration.is_file() else None,
+        videos=videos,
+        labels=labels if labels.is_file() else None,
+        label_name=FROM_FIRST_KEY,
+        ego_calibration=ego if ego.is_file() else None,
+        ego_images=images if images.is_file() else None,
+        ego_image_folder=layout.images,
+        split=split,
+    )
+    if not (found.videos or found.ego_images or found.labels):
+        raise UserError(f"sequence {name}: there is nothing of it below {layout.root}; `preflight` says what is")
+    return found
 
 
 def _studio_paths(sequence_id: str, root: Path) -> dict[str, str]:
@@ -129,6 +203,8 @@ def _studio_paths(sequence_id: str, root: Path) -> dict[str, str]:
     }
     if (root / share / JOINTS_SHARE).is_file():
         paths["labels"] = str(share / JOINTS_SHARE)
+    if (root / share / ACTIONS_SHARE).is_file():
+        paths["actions"] = str(share / ACTIONS_SHARE)
     if (root / share / EGO_SHARE).is_file():
         paths |= {"ego_calibration": str(share / EGO_SHARE), "ego_videos": str(video.with_name("HMC_*.mp4"))}
     return paths

@@ -163,7 +163,7 @@ def _read_input(task: Task, role: str, edge: str, upstream: Upstream, store: Sto
     node, output = edge.split(".")
     spec = task.node.stage.inputs[role]
     records = [_record(store, task.node.upstream_stages[node], result) for result in upstream[node]]
-    table = pa.concat_tables([store.read(record, output, spec) for record in records])
+    table = pa.concat_tables([spec.empty(), *(store.read(record, output, spec) for record in records)])
     if _is_sliced(task, edge):
         table = table.filter(pa.compute.equal(table.column("chunk"), task.shard.chunk))
     return table

@@ -25,8 +25,7 @@ class SequenceWork:
     Attributes:
         nodes: those that run for a sequence or its chunks.
         origins: for each edge of `ORIGINS` that the nodes read, its rows.
-        chunk_frames: frames in each chunk, once ingest has told; None before.
-        is_cut: whether ingest has told or failed, so that every shard is known.
+        cuts: edge of chunks → frames in each chunk, once its node has told; none where that node failed.
         handles: node → shard → its result, or the promise of it.
         whole: the tasks of the set that this sequence belongs to; None where the run has none.
     """
@@ -37,17 +36,18 @@ class SequenceWork:
     nodes: Sequence[Node]
     logs: Path
     num_threads: int = 1
-    chunk_frames: list[int] | None = None
-    is_cut: bool = False
+    cuts: dict[str, list[int]] = field(default_factory=dict)
     handles: dict[str, dict[Shard, Handle]] = field(default_factory=dict)
     whole: "SetWork | None" = None
     _known_externals: dict[str, tuple[Mapping[str, str], str]] = field(default_factory=dict)
 
     def known_nodes(self) -> Iterator[Node]:
         """Yield the nodes whose shards are known by now."""
-        for node in self.nodes:
-            if self.is_cut or (node.shard == "sequence" and not self._waits_for_chunks(node)):
-                yield node
+        yield from (node for node in self.nodes if self.knows(node))
+
+    def knows(self, node: Node) -> bool:
+        """Tell whether a node's shards, and those of all that it reads, are known."""
+        return self._chunk_edges(node) <= set(self.cuts)
 
     def tasks(self, node: Node) -> list[Task]:
         """Return a known node's tasks."""
@@ -56,9 +56,9 @@ class SequenceWork:
     def shards(self, node: Node) -> list[Shard]:
         """Return a known node's shards; where cutting failed, one that stands for them all."""
         name = self.recording.sequence_id
-        if node.shard == "sequence" or self.chunk_frames is None:
+        if node.shard == "sequence" or not self.cuts.get(node.chunk_edge):
             return [Shard(name)]
-        return [Shard(name, chunk) for chunk in range(len(self.chunk_frames))]
+        return [Shard(name, chunk) for chunk in range(len(self.cuts[node.chunk_edge]))]
 
     def upstream(self, task: Task) -> dict[str, list[Handle]]:
         """Return the handles that a task reads from: its own chunk's, or all of them."""
@@ -68,9 +68,9 @@ class SequenceWork:
         """Return the nodes that a task reads from and of which not all that it needs is under way or settled."""
         return [name for name in task.node.upstream if not self._has(name, task)]
 
-    def num_frames(self, shard: Shard) -> int:
-        """Return the number of frames that a shard covers, 0 while unknown."""
-        frames = self.chunk_frames or []
+    def num_frames(self, node: Node, shard: Shard) -> int:
+        """Return the number of frames that a shard of a node covers, 0 while unknown."""
+        frames = self.cuts.get(node.chunk_edge, [])
         return sum(frames) if shard.chunk is None else frames[shard.chunk]
 
     def settle(self, result: Result, store: Store) -> bool:
@@ -80,18 +80,23 @@ class SequenceWork:
             DamagedEntry: if it should have told, but its table is damaged; the result is not noted then.
         """
         node = self.config.dag.nodes[result.node]
+        frames: list[int] = []
         if node.cut and result.has_entry:
             record = store.find(node.stage.name, result.key)
             if record is None:
                 raise DamagedEntry(f"the entry {result.key} of {node.name} has vanished; run again")
-            self.chunk_frames = store.read(record, node.cut, CHUNKS).column("num_frames").to_pylist()
+            frames = store.read(record, node.cut, CHUNKS).column("num_frames").to_pylist()
+        if node.cut:
+            self.cuts[f"{node.name}.{node.cut}"] = frames
         self.handles.setdefault(result.node, {})[result.shard] = result
-        self.is_cut = self.is_cut or bool(node.cut)
         return bool(node.cut)
 
-    def _waits_for_chunks(self, node: Node) -> bool:
+    def _chunk_edges(self, node: Node) -> set[str]:
+        """Return the edges that have to tell their chunks before a node's shards, and what it reads, are known."""
+        if node.shard == "chunk":
+            return {node.chunk_edge}
         upstream = [self.config.dag.nodes[name] for name in node.upstream]
-        return any(other.shard == "chunk" or self._waits_for_chunks(other) for other in upstream)
+        return {edge for other in upstream for edge in self._chunk_edges(other)}
 
     def _matching(self, name: str, shard: Shard) -> list[Handle]:
         if self._is_of_set(name):
@@ -160,7 +165,7 @@ class SetWork(SequenceWork):
     def known_nodes(self) -> Iterator[Node]:
         """Yield the nodes of which every sequence knows the shards that they read."""
         for node in self.nodes:
-            if all(member.is_cut or not self._reads_chunks(member, node) for member in self.members):
+            if all(member.knows(own) for member in self.members for own in self._read_nodes(member, node)):
                 yield node
 
     def shards(self, node: Node) -> list[Shard]:
@@ -188,9 +193,8 @@ class SetWork(SequenceWork):
         """Return the sequences that have a node; one without headset has no egocentric crops."""
         return [member for member in self.members if any(node.name == name for node in member.nodes)]
 
-    def _reads_chunks(self, member: SequenceWork, node: Node) -> bool:
-        own = [other for other in member.nodes if other.name in node.upstream]
-        return any(other.shard == "chunk" or member._waits_for_chunks(other) for other in own)
+    def _read_nodes(self, member: SequenceWork, node: Node) -> list[Node]:
+        return [other for other in member.nodes if other.name in node.upstream]
 
 
 def with_set(works: Sequence[SequenceWork], splits: Mapping[str, str]) -> list[SequenceWork]:
@@ -207,9 +211,9 @@ def with_set(works: Sequence[SequenceWork], splits: Mapping[str, str]) -> list[S
     origins = {MEMBER_EDGE: [{"sequence_id": name, "split": splits[name]} for name in sorted(splits)]}
     whole = SetWork(config, SequenceSet(), origins, nodes, first.logs, first.num_threads, members=members)
     for node in nodes:
-        for name in node.upstream:
-            if not whole._is_of_set(name) and not whole._members_with(name):
-                raise UserError(f"no sequence of this run has {name}, which {node.name} needs")
+        needed = [name for name in node.upstream if not whole._is_of_set(name)]
+        if needed and not any(whole._members_with(name) for name in needed):
+            raise UserError(f"no sequence of this run has {' or '.join(needed)}, which {node.name} needs")
     for work in works:
         work.whole = whole
     return [*works, whole]

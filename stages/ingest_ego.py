@@ -1,43 +1,59 @@
-"""Look at a recording's headset: the lens and the video of each of its cameras, and where they are at every frame.
+"""Look at a recording's headset: its cameras, where they are at every frame, and what people annotated in its pictures.
 
-Lenses come from the recording's calibration, poses from an AssemblyHands `ego_calib` file, whose keys count at 60 Hz.
-A camera that cannot be used and a frame without pose get their rows with the reason; the others go on.
+It comes with raw videos, whose lenses stand in the recording's calibration, or with the rectified pictures of the
+AssemblyHands release. Poses are those of an AssemblyHands `ego_calib` file. A camera that cannot be used and a frame
+without pose get their rows with the reason; the others go on.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
+from pydantic import Field
 
-from assemblyhands_core.data.assemblyhands import KEY_RATE_HZ, EgoCalibration, read_ego_calibration
+from assemblyhands_core.data.assemblyhands import EgoCalibration, JointAnnotations, read_ego_calibration
+from assemblyhands_core.data.assemblyhands_images import read_ego_images
 from assemblyhands_core.data.blob_names import blob_name
 from assemblyhands_core.data.camera_rows import camera_to_row, missing_camera_row
-from assemblyhands_core.data.catalog import EGO_FRAMES, SOURCES, VIEWS
+from assemblyhands_core.data.catalog import CHUNKS, EGO_BOXES, EGO_FRAMES, JOINTS, SOURCES, VIEWS
+from assemblyhands_core.data.ego_sources import RELEASE_RATE_HZ, ReleasePictures, pose_rows
+from assemblyhands_core.data.fine_grained import Segment, read_fine_grained
+from assemblyhands_core.data.label_rows import as_joint_rows, first_key_of, keys_per_frame, label_rows, read_recording
 from assemblyhands_core.data.names import ego_calibration_name, ego_serial
 from assemblyhands_core.data.rigs import read_calibration
 from assemblyhands_core.data.video import VideoError, VideoInfo, probe
 from assemblyhands_core.geometry.cameras import Camera
 from stages._contract import Context, Stage, StageConfig, Tables
 
-_RATE_TOLERANCE = 0.01
-
 Row = Mapping[str, Any]
 
 
-def run(config: StageConfig, inputs: Tables, context: Context) -> Tables:
+class IngestEgoConfig(StageConfig):
+    """Parameters of cutting."""
+
+    chunk_frames: int = Field(ge=1, le=100_000)
+
+
+def run(config: IngestEgoConfig, inputs: Tables, context: Context) -> Tables:
     """Audit the headset of one sequence.
 
     Raises:
-        ValueError: The headset's file of poses lacks this sequence.
+        ValueError: A file of the headset or of its labels lacks this sequence, or is not as it should be.
     """
     sources = inputs["sources"].to_pylist()
     ego = _poses(_only(sources, "ego_calibration", context), context)
-    lenses = read_calibration(_only(sources, "calibration", context), "mm")
-    videos = {ego_serial(row["name"]): row for row in sources if row["role"] == "ego_video"}
-    views = [_view(name, lenses, videos.get(ego_serial(name)), context) for name in ego.camera_ids]
-    frames = [row for view in views if view["valid"] for row in _frames(view, ego)]
-    return {"views": VIEWS.from_rows(views), "frames": EGO_FRAMES.from_rows(frames)}
+    is_release = any(row["role"] == "ego_images" for row in sources)
+    found = (_from_pictures if is_release else _from_videos)(sources, ego, context)
+    name = {"sequence_id": context.sequence_id}
+    views, frames, boxes = ([name | row for row in rows] for rows in (found["views"], found["frames"], found["boxes"]))
+    num_frames = max((row["num_frames"] for row in views), default=0)
+    return {
+        "views": VIEWS.from_rows(views),
+        "chunks": CHUNKS.from_rows([name | row for row in _chunks(config, num_frames)]),
+        "frames": EGO_FRAMES.from_rows(frames),
+        "boxes": EGO_BOXES.from_rows(boxes),
+        "joints": JOINTS.from_rows(found["joints"]),
+    }
 
 
 def _only(sources: Sequence[Row], role: str, context: Context) -> Path:
@@ -54,12 +70,61 @@ def _poses(path: Path, context: Context) -> EgoCalibration:
     return recordings[context.sequence_id]
 
 
+def _from_pictures(sources: Sequence[Row], ego: EgoCalibration, context: Context) -> dict[str, list[Any]]:
+    """Return the rows of a recording of the release, whose frame 0 is the first one annotated."""
+    listing = _only(sources, "ego_images", context)
+    images = [image for image in read_ego_images(listing) if image.recording == context.sequence_id]
+    if not images:
+        raise ValueError(f"{listing} lists no picture of {context.sequence_id}: give the file of its split")
+    labels = next((row for row in sources if row["role"] == "labels"), None)
+    joints = read_recording(labels, context.sequence_id) if labels else None
+    first_key = first_key_of(labels, joints) if labels and joints else min(image.frame_60hz for image in images)
+    folder, segments = _only(sources, "ego_image_folder", context), _segments(sources, context)
+    pictures = ReleasePictures(images, folder, ego, first_key, segments)
+    return {
+        "views": list(pictures.view_rows()),
+        "frames": list(pictures.frame_rows()),
+        "boxes": list(pictures.box_rows()),
+        "joints": _joint_rows(labels, joints, first_key, RELEASE_RATE_HZ, context),
+    }
+
+
+def _from_videos(sources: Sequence[Row], ego: EgoCalibration, context: Context) -> dict[str, list[Any]]:
+    """Return the rows of a recording with raw videos, whose frame 0 has key 0."""
+    lenses = read_calibration(_only(sources, "calibration", context), "mm")
+    videos = {ego_serial(row["name"]): row for row in sources if row["role"] == "ego_video"}
+    views = [_view(name, lenses, videos.get(ego_serial(name)), context) for name in ego.camera_ids]
+    usable, segments = [view for view in views if view["valid"]], _segments(sources, context)
+    labels = next((row for row in sources if row["role"] == "labels"), None)
+    joints = read_recording(labels, context.sequence_id) if labels and usable else None
+    return {
+        "views": views,
+        "frames": [row for view in usable for row in pose_rows(view, ego, keys_per_frame(view["rate_hz"]), segments)],
+        "boxes": [],
+        "joints": _joint_rows(labels, joints, 0, usable[0]["rate_hz"], context) if usable else [],
+    }
+
+
+def _segments(sources: Sequence[Row], context: Context) -> list[Segment]:
+    files = [row["source_file"] for row in sources if row["role"] == "actions"]
+    found = [segment for file in files for segment in read_fine_grained(Path(file)).segments]
+    return [segment for segment in found if segment.recording == context.sequence_id]
+
+
+def _joint_rows(
+    source: Row | None, joints: JointAnnotations | None, first_key: int, rate_hz: float, context: Context
+) -> list[dict[str, Any]]:
+    if source is None or joints is None:
+        return []
+    step = keys_per_frame(rate_hz)
+    return as_joint_rows(label_rows(context.sequence_id, joints, first_key, step, source["source_file"]))
+
+
 def _view(camera_id: str, lenses: Mapping[str, Camera], source: Row | None, context: Context) -> dict[str, Any]:
     """Return a camera's row: its lens, posed in the headset's frame, and its video."""
     camera = lenses.get(ego_calibration_name(camera_id))
     info, reason, note = _judged(camera, source)
     row = {
-        "sequence_id": context.sequence_id,
         "camera_id": camera_id,
         "video_file": _link(camera_id, source, context) if source else "",
         "video_sha256": source["sha256"] if source else "",
@@ -86,13 +151,11 @@ def _judged(camera: Camera | None, source: Row | None) -> tuple[VideoInfo | None
     if (info.width_px, info.height_px) != (camera.width_px, camera.height_px):
         sizes = f"{info.width_px}×{info.height_px} px, its calibration {camera.width_px}×{camera.height_px} px"
         return info, "image_size_mismatch", f"its video has {sizes}"
-    if abs(_keys_per_frame(float(info.rate_hz)) * float(info.rate_hz) - KEY_RATE_HZ) > _RATE_TOLERANCE * KEY_RATE_HZ:
-        return info, "different_rate", f"{float(info.rate_hz):.2f} Hz is no whole part of the poses' {KEY_RATE_HZ} Hz"
+    try:
+        keys_per_frame(float(info.rate_hz))
+    except ValueError as error:
+        return info, "different_rate", str(error)
     return info, "", ""
-
-
-def _keys_per_frame(rate_hz: float) -> int:
-    return max(1, round(KEY_RATE_HZ / rate_hz))
 
 
 def _link(camera_id: str, source: Row, context: Context) -> str:
@@ -103,28 +166,17 @@ def _link(camera_id: str, source: Row, context: Context) -> str:
     return name
 
 
-def _frames(view: Row, ego: EgoCalibration) -> Iterator[dict[str, Any]]:
-    """Yield a row for each frame of a camera's video."""
-    step, unknown = _keys_per_frame(view["rate_hz"]), np.full(16, np.nan)
-    for frame in range(view["num_frames"]):
-        pose = ego.poses_at(step * frame).get(view["camera_id"])
-        yield {
-            "sequence_id": view["sequence_id"],
-            "frame": frame,
-            "camera_id": view["camera_id"],
-            "T_camera_from_world": unknown if pose is None else pose.ravel(),
-            "image_file": "",
-            "valid": pose is not None,
-            "reason": "" if pose is not None else "no_pose",
-        }
+def _chunks(config: IngestEgoConfig, num_frames: int) -> Iterator[dict[str, Any]]:
+    for chunk, first in enumerate(range(0, num_frames, config.chunk_frames)):
+        yield {"chunk": chunk, "first_frame": first, "num_frames": min(config.chunk_frames, num_frames - first)}
 
 
 STAGE = Stage(
     name="ingest_ego",
-    version=1,
-    config=StageConfig,
+    version=2,
+    config=IngestEgoConfig,
     inputs={"sources": SOURCES},
-    outputs={"views": VIEWS, "frames": EGO_FRAMES},
+    outputs={"views": VIEWS, "chunks": CHUNKS, "frames": EGO_FRAMES, "boxes": EGO_BOXES, "joints": JOINTS},
     run=run,
     shard="sequence",
 )

@@ -1,17 +1,18 @@
 """Train SVEgoNet on egocentric crops: annotated by people, by our own last round, or by both (paper, Sec. 4)."""
 
 from collections.abc import Mapping
-from typing import Literal
+from typing import Final
 
 import pyarrow as pa
 import pyarrow.compute as pc
 from pydantic import Field
 
-from assemblyhands_core.data.catalog import CHUNKS, EGO_CROPS, MEMBERS, TRAINING_CURVE, WEIGHTS
+from assemblyhands_core.data.catalog import EGO_CROPS, MEMBERS, TRAINING_CURVE, WEIGHTS
 from assemblyhands_core.training.ego_dataset import PLAIN, EgoAugmentation, EgoCrops
 from stages._contract import Context, Stage, StageConfig, Tables
 from stages._training import ScheduleConfig, fitted, is_held_out, started, training_externals
 
+_LABELS: Final = ("manual", "automatic")
 # The paper's manual and automatic sets are of different sequences; in a run without manual ones, others' labels do.
 _TRAINING = {"manual": ("manual_train", "train"), "automatic": ("train",)}
 _VALIDATION = {"manual": ("manual_val", "val"), "automatic": ("val",)}
@@ -31,7 +32,6 @@ class EgoAugmentationConfig(StageConfig):
 class TrainSvegonetConfig(ScheduleConfig):
     """Parameters of training."""
 
-    labels: Literal["manual", "automatic", "both"]
     augmentation: EgoAugmentationConfig
     backbone: str
     num_levels: int = Field(ge=2, le=5)
@@ -42,7 +42,7 @@ class TrainSvegonetConfig(ScheduleConfig):
 
 
 def run(config: TrainSvegonetConfig, inputs: Tables, context: Context) -> Tables:
-    """Train on the training sequences of a run.
+    """Train on the training sequences of a run, by the labels that are given.
 
     Raises:
         ValueError: There are none with such labels.
@@ -60,19 +60,18 @@ def run(config: TrainSvegonetConfig, inputs: Tables, context: Context) -> Tables
         start_from_imagenet(network.encoder)
     task = ego_task(network, *_data_sets(config, inputs))
     start = config.start_from or ("ImageNet" if config.from_imagenet else "random")
-    return fitted(network, task, config, context, {"start": start, "labels": config.labels}, "mm")
+    return fitted(network, task, config, context, {"start": start, "labels": " and ".join(_kinds(inputs))}, "mm")
 
 
 def _data_sets(config: TrainSvegonetConfig, inputs: Tables) -> tuple[EgoCrops, EgoCrops]:
-    """Return what is learnt from and what is held out: sequences of split `val`, else the last training takes."""
-    training, held_out = (pa.concat_tables(_by_label(config, inputs, splits)) for splits in (_TRAINING, _VALIDATION))
+    """Return what is learnt from and what is held out: sequences of split `val`, else the last training ones."""
+    training, held_out = (pa.concat_tables(_by_label(inputs, splits)) for splits in (_TRAINING, _VALIDATION))
     if not training.num_rows:
-        wanted = " or ".join(dict.fromkeys(split for kind in _kinds(config) for split in _TRAINING[kind]))
-        raise ValueError(f"no sequence of split {wanted} has egocentric crops with {config.labels} labels: add some")
+        wanted = " or ".join(dict.fromkeys(split for kind in _kinds(inputs) for split in _TRAINING[kind]))
+        labels = " or ".join(_kinds(inputs))
+        raise ValueError(f"no sequence of split {wanted} has egocentric crops with {labels} labels: add some")
     if not held_out.num_rows:
-        names = pc.unique(training["sequence_id"])
-        takes = inputs["chunks"].filter(pc.is_in(inputs["chunks"]["sequence_id"], value_set=names))
-        is_apart = is_held_out(training, takes, config.held_out_share)
+        is_apart = is_held_out(training, _takes(training), config.held_out_share)
         training, held_out = training.filter(pc.invert(is_apart)), training.filter(is_apart)
     augmentation = EgoAugmentation(**config.augmentation.model_dump())
     learnt = EgoCrops.of(training, augmentation, config.image_size_px, config.seed)
@@ -80,28 +79,43 @@ def _data_sets(config: TrainSvegonetConfig, inputs: Tables) -> tuple[EgoCrops, E
     return learnt, judged.spread(config.max_held_out)
 
 
-def _kinds(config: TrainSvegonetConfig) -> tuple[str, ...]:
-    return ("manual", "automatic") if config.labels == "both" else (config.labels,)
+def _takes(crops: pa.Table) -> pa.Table:
+    """Return what can be held out: whole sequences, of a single one its frames."""
+    frames = crops.select(["sequence_id", "frame"]).rename_columns(["sequence_id", "first_frame"])
+    by_sequence = frames.group_by("sequence_id").aggregate([("first_frame", "min")])
+    if by_sequence.num_rows > 1:
+        return by_sequence.rename_columns({"first_frame_min": "first_frame"})
+    return frames.group_by(["sequence_id", "first_frame"]).aggregate([])
 
 
-def _by_label(config: TrainSvegonetConfig, inputs: Tables, splits: Mapping[str, tuple[str, ...]]) -> list[pa.Table]:
-    """Return the crops of each kind of labels that is wanted, of the sequences that are for it."""
+def _kinds(inputs: Tables) -> list[str]:
+    return [kind for kind in _LABELS if kind in inputs]
+
+
+def _by_label(inputs: Tables, splits: Mapping[str, tuple[str, ...]]) -> list[pa.Table]:
+    """Return the crops of each kind of labels, of the sequences that are for it."""
     split_of = {row["sequence_id"]: row["split"] for row in inputs["members"].to_pylist()}
     tables = [EGO_CROPS.empty()]
-    for kind in _kinds(config):
+    for kind in _kinds(inputs):
         split = next((name for name in splits[kind] if name in split_of.values()), "")
         names = pa.array([name for name in split_of if split_of[name] == split], pa.string())
         tables.append(inputs[kind].filter(pc.is_in(inputs[kind]["sequence_id"], value_set=names)))
     return tables
 
 
-STAGE = Stage(
-    name="train_svegonet",
-    version=1,
-    config=TrainSvegonetConfig,
-    inputs={"members": MEMBERS, "chunks": CHUNKS, "manual": EGO_CROPS, "automatic": EGO_CROPS},
-    outputs={"weights": WEIGHTS, "curve": TRAINING_CURVE},
-    run=run,
-    shard="set",
-    externals=training_externals,
-)
+def _stage(*labels: str) -> Stage[TrainSvegonetConfig]:
+    return Stage(
+        name="train_svegonet",
+        version=2,
+        config=TrainSvegonetConfig,
+        inputs={"members": MEMBERS, **dict.fromkeys(labels, EGO_CROPS)},
+        outputs={"weights": WEIGHTS, "curve": TRAINING_CURVE},
+        run=run,
+        shard="set",
+        externals=training_externals,
+    )
+
+
+STAGE = _stage(*_LABELS)
+ON_MANUAL = _stage("manual")
+ON_AUTOMATIC = _stage("automatic")

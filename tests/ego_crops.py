@@ -60,6 +60,7 @@ def ego_crops(num_frames: int) -> pa.Table:
             "identity": "both" if frame % 5 == 4 else HANDS[own],
             "num_in_image": int(CAMERA.contains(pixels[own]).sum()),
             "border_px": 5.0,
+            "verb": "screw" if frame % 2 else "",
             "source": "manual",
             "valid": is_there,
             "reason": "" if is_there else "near_border",

@@ -199,7 +199,7 @@ HAND_LABELS: Final = TableSpec(
 )
 EGO_FRAMES: Final = TableSpec(
     "ego_frames",
-    1,
+    2,
     ("sequence_id", "frame", "camera_id"),
     pa.schema(
         [
@@ -207,13 +207,20 @@ EGO_FRAMES: Final = TableSpec(
             ("camera_id", _TEXT),
             ("T_camera_from_world", _each(pa.float64(), 16)),  # 4x4 by rows, mm: the headset moves
             ("image_file", _TEXT),  # a picture of its own; empty where the camera's video has it
+            ("verb", _TEXT),  # what is being done, if known
             *_OUTCOME,
         ]
     ),
 )
+EGO_BOXES: Final = TableSpec(
+    "ego_boxes",
+    1,
+    ("sequence_id", "frame", "hand", "camera_id"),
+    pa.schema([*_HAND_VIEW, ("box_px", _each(pa.float64(), 4))]),  # left, top, right, bottom in the rectified picture
+)
 EGO_CROPS: Final = TableSpec(
     "ego_crops",
-    1,
+    2,
     ("sequence_id", "frame", "hand", "camera_id"),
     pa.schema(
         [
@@ -227,6 +234,7 @@ EGO_CROPS: Final = TableSpec(
             ("identity", _TEXT),  # whose joints the crop shows: left, right, both
             ("num_in_image", pa.int8()),  # joints of this hand
             ("border_px", pa.float32()),  # from this hand's joints to the border of the picture; below 0 they leave it
+            ("verb", _TEXT),  # what is being done, if known
             ("source", _TEXT),  # who annotated
             *_OUTCOME,
         ]
@@ -338,12 +346,13 @@ ERRORS: Final = TableSpec(
 )
 EGO_ERRORS: Final = TableSpec(
     "ego_errors",
-    1,
+    2,
     ("sequence_id", "frame", "hand", "camera_id", "labels"),
     pa.schema(
         [
             *_HAND_VIEW,
             ("labels", _TEXT),  # manual, automatic: held against whose
+            ("verb", _TEXT),
             ("error_mm", _each(pa.float32(), NUM_JOINTS)),  # with both wrists at the origin; NaN where missing
             ("is_labelled", _each(_FLAG, NUM_JOINTS)),
             ("is_identity_right", _FLAG),

@@ -1,6 +1,7 @@
-"""Pictures inside table rows: RGB to JPEG bytes and back."""
+"""Pictures inside table rows: RGB to JPEG bytes and back; and those in files of their own."""
 
-from typing import Any, TypeAlias
+from pathlib import Path
+from typing import Any, Final, TypeAlias
 
 import cv2
 import numpy as np
@@ -10,6 +11,10 @@ from jaxtyping import UInt8
 ImageRGB = UInt8[np.ndarray, "height width 3"]
 ImageBytes: TypeAlias = bytes | pa.Buffer
 """An encoded picture, of its own or still inside a table."""
+
+MISSING_IMAGE: Final = "missing_image"
+UNREADABLE_IMAGE: Final = "unreadable_image"
+IMAGE_SIZE_MISMATCH: Final = "image_size_mismatch"
 
 
 def encode_jpeg(image_rgb: ImageRGB, quality: int) -> bytes:
@@ -31,3 +36,19 @@ def decode_image(data: ImageBytes) -> ImageRGB:
     if image is None:
         raise ValueError(f"{len(data)} bytes are no picture; skip rows that are not valid")
     return np.asarray(image, dtype=np.uint8)
+
+
+def read_picture(path: Path, size_px: tuple[int, int]) -> ImageRGB | str:
+    """Return the RGB picture of a file, or the reason why it is of no use.
+
+    Args:
+        path: JPEG or PNG; a grey picture becomes grey three times.
+        size_px: Width and height that it has to have.
+    """
+    try:
+        picture = decode_image(path.read_bytes())
+    except FileNotFoundError:
+        return MISSING_IMAGE
+    except (OSError, ValueError):
+        return UNREADABLE_IMAGE
+    return picture if picture.shape[1::-1] == size_px else IMAGE_SIZE_MISMATCH

@@ -15,6 +15,7 @@ BEHIND_CAMERA: Final = "behind_camera"
 OUTSIDE_VIEW: Final = "outside_view"
 TOO_FEW_JOINTS: Final = "too_few_joints"
 NEAR_BORDER: Final = "near_border"
+NO_BOX: Final = "no_box"
 
 Identity = Literal["right", "left", "both"]
 IDENTITIES: Final[tuple[Identity, ...]] = ("right", "left", "both")
@@ -85,6 +86,30 @@ def ego_box(
     if reason := _reason(num_in_image, nearest_px, rule):
         return EgoBox(np.full(2, np.nan), float("nan"), num_in_image, nearest_px, reason)
     return EgoBox(center_px, side_px, num_in_image, nearest_px, "")
+
+
+def given_box(
+    box_px: Float[np.ndarray, "4"],
+    joints_px: Float[np.ndarray, "joint=21 2"],
+    is_known: Bool[np.ndarray, "joint=21"],
+    size_px: tuple[int, int],
+    rule: EgoRule,
+) -> EgoBox:
+    """Return the box of a hand around a rectangle that comes with the picture, as the toolkit makes it (formats 2.7).
+
+    Args:
+        box_px: Left, top, right, bottom.
+        joints_px: The hand's projected joints, which tell how near the border it is; NaN where unknown.
+        is_known: Which joints are annotated; none in pictures of a test.
+        size_px: Width and height of the picture.
+        rule: γ; nothing is left out.
+    """
+    corners = box_px.reshape(2, 2)
+    shown = joints_px[is_known] if is_known.any() else corners
+    border_px = np.minimum(shown + 0.5, np.array(size_px) - 0.5 - shown).min(axis=-1)
+    num_in_image = int((border_px >= 0).sum()) if is_known.any() else 0
+    side_px = rule.gamma * float((corners[1] - corners[0]).max())
+    return EgoBox(corners.mean(axis=0), side_px, num_in_image, float(border_px.min()), "")
 
 
 def identity_of(

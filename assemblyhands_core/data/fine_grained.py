@@ -175,6 +175,13 @@ def read_fine_grained(path: Path) -> FineGrained:
     return FineGrained(tuple(segments.values()), tuple(malformed))
 
 
+def verb_at(segments: Iterable[Segment], key_60hz: int) -> str:
+    """Return the verb of the segment, of one recording, that covers an instant and began last; empty if none does."""
+    covering = [s for s in (s.at_rate(60) for s in segments) if s.start_frame <= key_60hz <= s.end_frame and s.action]
+    latest = max(covering, key=lambda segment: segment.start_frame, default=None)
+    return latest.action.verb if latest is not None and latest.action is not None else ""
+
+
 def _views_of(segment: Segment) -> tuple[str, ...]:
     if not segment.views:
         raise ValueError(f"{segment.recording}: a segment has no view; the 30 fps form lists every view of it.")

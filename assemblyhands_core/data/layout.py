@@ -39,6 +39,11 @@ class DatasetLayout:
         return self.root / "annotations" / split / f"assemblyhands_{split}_{kind}_{_RELEASE}.json"
 
     @property
+    def images(self) -> Path:
+        """The folder in which the names of `ego_data` begin."""
+        return self.root / "images"
+
+    @property
     def skeleton(self) -> Path:
         """The names and parents of the joints."""
         return self.root / "annotations" / "skeleton.txt"

@@ -5,6 +5,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
+from assemblyhands_core.data.assemblyhands_rig import read_exo_calibration
 from assemblyhands_core.data.calibrations import UnknownFormatError
 from assemblyhands_core.data.calibrations.anipose import LengthUnit, parse_anipose
 from assemblyhands_core.data.calibrations.qualisys import parse_qualisys
@@ -12,16 +13,18 @@ from assemblyhands_core.geometry.cameras import Camera, load_assembly101_calibra
 
 __all__ = ["LengthUnit", "VideoMatch", "match_videos", "read_calibration"]
 
-SUPPORTED = "Assembly101 JSON, anipose or Pose2Sim TOML, Qualisys .qca.txt (XML)"
+SUPPORTED = "Assembly101 JSON, AssemblyHands calib.txt, anipose or Pose2Sim TOML, Qualisys .qca.txt (XML)"
 MAX_CALIBRATION_BYTES = 64 * 2**20
 _JSON_START = re.compile(r"\s*(\[\s*)?\{")  # a TOML file may begin with [ too, but never with [{ or {
+
+_EXO_START = re.compile(r"\s*\S+\s*\n\s*[-+.\d]\S*[ \t]+\S+[ \t]+\S+\s*\n")  # a name, then three numbers
 
 
 def read_calibration(path: Path | str, unit: LengthUnit = "auto") -> dict[str, Camera]:
     """Read the cameras of a calibration file, whatever its name.
 
     Args:
-        path: Assembly101 JSON, anipose or Pose2Sim TOML, or Qualisys `.qca.txt`.
+        path: Assembly101 JSON, AssemblyHands `calib.txt`, anipose or Pose2Sim TOML, or Qualisys `.qca.txt`.
         unit: Unit of length of a TOML file, which does not say it; `auto` is explained at `parse_anipose`. The other
             formats are in mm.
 
@@ -36,6 +39,8 @@ def read_calibration(path: Path | str, unit: LengthUnit = "auto") -> dict[str, C
     text = _read_text(path)
     if _JSON_START.match(text):
         cameras = _read_assembly101(path)
+    elif _EXO_START.match(text):
+        cameras = read_exo_calibration(path)
     else:
         try:
             cameras = parse_qualisys(text) if text.lstrip().startswith("<") else parse_anipose(text, unit)

@@ -11,11 +11,14 @@ import pyarrow as pa
 from jaxtyping import Bool
 
 from assemblyhands_core.data.arrays import to_numpy
+from assemblyhands_core.hands.joints import HANDS, NUM_BOTH, NUM_JOINTS
 from assemblyhands_core.metrics.annotation import Cell, Quantity, Resampling, make_cell, masked
 from assemblyhands_core.metrics.bootstrap import block_sums, draw_weights, mean_interval
 from assemblyhands_core.metrics.keypoints import pck_auc_shares
 
 TABLE: Final = "ego"
+BOTH: Final = "both"
+"""The row over the labels of people and our own together."""
 BORDER_BOUNDS_PX: Final = (20.0, 80.0)
 
 
@@ -27,15 +30,17 @@ def evaluate_egocentric(errors: pa.Table, resampling: Resampling) -> list[Cell]:
         resampling: How intervals are drawn.
     """
     cells: list[Cell] = []
-    for labels in sorted(set(errors["labels"].to_pylist())):
+    kinds = sorted(set(errors["labels"].to_pylist()))
+    for labels in kinds:
         cells += _cells(labels, errors.filter(pa.compute.equal(errors["labels"], labels)), resampling)
-    return cells
+    return cells + (list(_cells(BOTH, errors, resampling)) if len(kinds) > 1 else [])
 
 
 def _cells(labels: str, errors: pa.Table, resampling: Resampling) -> Iterator[Cell]:
     block, num_blocks = _blocks(errors, resampling.block_frames)
     weights = draw_weights(num_blocks, resampling.num_resamples, resampling.seed)
     quantities = _quantities(errors)
+    yield _toolkit_cell(labels, errors)
     for table, name, is_member in _groups(errors):
         sums = {
             metric: block_sums(
@@ -50,6 +55,20 @@ def _cells(labels: str, errors: pa.Table, resampling: Resampling) -> Iterator[Ce
         for metric, of_metric in sums.items():
             interval = mean_interval(of_metric, weights, resampling.level)
             yield make_cell((table, name, labels, metric), interval, of_metric, coverage)
+
+
+def _toolkit_cell(labels: str, errors: pa.Table) -> Cell:
+    """Return the mean over both hands' 42 joints of each one's mean error, as the AssemblyHands toolkit does it."""
+    error_mm = to_numpy(errors["error_mm"]).astype(np.float64)
+    both = np.full((len(error_mm), NUM_BOTH), np.nan)
+    for index, hand in enumerate(HANDS):
+        is_hand = to_numpy(errors["hand"]) == hand
+        both[is_hand, NUM_JOINTS * index : NUM_JOINTS * (index + 1)] = error_mm[is_hand]
+    means = [joint[np.isfinite(joint)].mean() for joint in both.T if np.isfinite(joint).any()]
+    labelled = to_numpy(errors["is_labelled"]).astype(bool)
+    found = int((labelled & np.isfinite(error_mm)).sum())
+    value, coverage = float(np.mean(means)) if means else np.nan, 100.0 * found / max(int(labelled.sum()), 1)
+    return Cell(TABLE, "", labels, "toolkit_mpjpe_mm", value, np.nan, np.nan, found, coverage)
 
 
 def _quantities(errors: pa.Table) -> dict[str, Quantity]:
@@ -75,10 +94,10 @@ def _blocks(errors: pa.Table, block_frames: int) -> tuple[np.ndarray, int]:
 
 def _groups(errors: pa.Table) -> Iterator[tuple[str, str, Bool[np.ndarray, " row"]]]:
     yield TABLE, "", np.ones(errors.num_rows, dtype=bool)
-    for column, table in (("camera_id", "by_camera"), ("hand", "by_hand")):
+    for column, table in (("camera_id", "by_camera"), ("hand", "by_hand"), ("verb", "by_verb")):
         values = to_numpy(errors[column]).astype(str)
         for value in np.unique(values):
-            yield f"{TABLE}_{table}", str(value), values == value
+            yield f"{TABLE}_{table}", str(value) or "(not known)", values == value
     near, far = BORDER_BOUNDS_PX
     border_px = to_numpy(errors["border_px"])
     for name, is_member in (

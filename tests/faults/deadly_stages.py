@@ -60,7 +60,8 @@ def deadly_dag() -> Dag:
 def main(workspace: Path) -> None:
     """Run the pipeline over two sequences; write what became of every shard as JSON to standard output."""
     config = RunConfig(
-        seq="all", target="gather", manifest=None, workspace=workspace, run="", gc=GcConfig(keep_runs=1, dry_run=False),
+        seq="all", target="gather", manifest=None, release=None, workspace=workspace, run="",
+        gc=GcConfig(keep_runs=1, dry_run=False),
         rig=RigConfig(calibration=None, videos=None),
         executor=ExecutorConfig(name="local", num_workers=2, memory_limit="auto"),
     )  # fmt: skip

@@ -21,6 +21,7 @@ def _errors(count: int = 8) -> pa.Table:
             "hand": ["right", "left"] * (count // 2),
             "camera_id": ["a"] * (count // 2) + ["b"] * (count // 2),
             "labels": ["manual"] * count,
+            "verb": ["screw"] * 2 + [""] * (count - 2),
             "error_mm": error_mm,
             "is_labelled": np.ones((count, 21), dtype=bool),
             "is_identity_right": np.arange(count) % 4 != 0,
@@ -46,6 +47,8 @@ def test_figures_by_hand() -> None:
     )  # errors lie on thresholds
     assert found["ego", "", "manual", "identity_accuracy"].value == 75.0
     assert found["ego", "", "manual", "identity_accuracy"].n == 8
+    toolkit = found["ego", "", "manual", "toolkit_mpjpe_mm"]  # the right hand's joints are 4 mm off, the left one's too
+    assert toolkit.value == pytest.approx(4.0 * 20 / 21) and toolkit.n == 7 * 21
 
 
 def test_groups_are_told_apart_and_every_line_fits_the_table() -> None:
@@ -53,6 +56,7 @@ def test_groups_are_told_apart_and_every_line_fits_the_table() -> None:
     mean = {key[:2]: cell.value * 21 / 20 for key, cell in found.items() if key[3] == "wrist_relative_mpjpe_mm"}
     assert mean["ego_by_camera", "a"] == pytest.approx(2.5) and mean["ego_by_camera", "b"] == pytest.approx(6.0)
     assert mean["ego_by_hand", "right"] == pytest.approx(4.0)
+    assert mean["ego_by_verb", "screw"] == pytest.approx(1.5)
     assert mean["ego_by_border", "near (< 20 px)"] == pytest.approx(1.0)
     assert mean["ego_by_border", "middle (20 to 80 px)"] == pytest.approx(3.0)
     EVALUATION.from_rows([{"sequence_id": "s", **cell._asdict()} for cell in found.values()])
@@ -63,4 +67,4 @@ def test_labels_are_not_mixed_and_nothing_gives_nothing() -> None:
     automatic = _errors().set_column(4, "labels", pa.array(["automatic"] * 8))
     both = pa.concat_tables([_errors(), automatic.cast(_errors().schema)])
     rows = {cell.row for cell in evaluate_egocentric(both, RESAMPLING)}
-    assert rows == {"manual", "automatic"} and evaluate_egocentric(EGO_ERRORS.empty(), RESAMPLING) == []
+    assert rows == {"manual", "automatic", "both"} and evaluate_egocentric(EGO_ERRORS.empty(), RESAMPLING) == []

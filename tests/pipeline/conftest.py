@@ -149,7 +149,7 @@ class Toy:
 
     def config(self) -> RunConfig:
         config = RunConfig(
-            seq="all", target="made", manifest=None, workspace=self.workspace, run="",
+            seq="all", target="made", manifest=None, release=None, workspace=self.workspace, run="",
             rounds=3,
             gc=GcConfig(keep_runs=10, dry_run=False),
             rig=RigConfig(calibration=None, videos=None),

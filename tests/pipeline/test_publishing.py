@@ -24,7 +24,7 @@ def config(folder: Path, rig: str = "assembly", split: str = "test") -> RunConfi
     header = "sequence_id,split,calibration,videos,package,rig,duration_s"
     (folder / "set.csv").write_text(f"{header}\n{NAME},{split},,,synthetic,{rig},2.5\n")
     found = RunConfig(
-        seq="all", target="simulate", manifest=str(folder / "set.csv"), workspace=folder / "work", run="",
+        seq="all", target="simulate", manifest=str(folder / "set.csv"), release=None, workspace=folder / "work", run="",
         rounds=3, rig=RigConfig(calibration=None, videos=None), gc=GcConfig(keep_runs=1, dry_run=False),
         executor=ExecutorConfig(name="serial", num_workers=1, memory_limit="auto"),
     )  # fmt: skip

@@ -12,7 +12,8 @@ HEADER = "sequence_id,split,calibration,videos,package\n"
 
 def _config(folder: Path, seq: str, **changes: object) -> RunConfig:
     values = {
-        "seq": seq, "target": "annotate", "manifest": str(folder / "*.csv"), "workspace": folder / "work", "run": "",
+        "seq": seq, "target": "annotate", "manifest": str(folder / "*.csv"), "release": None,
+        "workspace": folder / "work", "run": "",
         "rig": RigConfig(calibration=None, videos=None), "rounds": 3, "gc": GcConfig(keep_runs=1, dry_run=False),
         "executor": ExecutorConfig(name="serial", num_workers=1, memory_limit="auto"),
     }  # fmt: skip

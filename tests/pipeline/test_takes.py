@@ -19,7 +19,8 @@ HEADER = "sequence_id,split,calibration,videos,package,rig,duration_s"
 def config(folder: Path, line: str, **changes: object) -> RunConfig:
     (folder / "set.csv").write_text(f"{HEADER}\n{line}\nreal,demo,calib.json,*.mp4,,,\n")
     values = {
-        "seq": NAME, "target": "simulate", "manifest": str(folder / "set.csv"), "workspace": folder / "work", "run": "",
+        "seq": NAME, "target": "simulate", "manifest": str(folder / "set.csv"), "release": None,
+        "workspace": folder / "work", "run": "",
         "rig": RigConfig(calibration=None, videos=None), "rounds": 3, "gc": GcConfig(keep_runs=1, dry_run=False),
         "executor": ExecutorConfig(name="serial", num_workers=1, memory_limit="auto"),
     }  # fmt: skip

@@ -18,8 +18,9 @@ from assemblyhands_core.geometry.cameras import Camera
 from assemblyhands_core.geometry.crops import rectified
 from assemblyhands_core.hands.joints import HANDS, WRIST
 from assemblyhands_core.synthetic.rig import Rig, assembly_rig
-from stages._contract import Context, StageConfig
+from stages._contract import Context
 from stages.ingest_ego import STAGE as INGEST_EGO
+from stages.ingest_ego import IngestEgoConfig
 from stages.project_ego import STAGE, ProjectEgoConfig
 from stages.undistort import STAGE as UNDISTORT
 from stages.undistort import UndistortConfig
@@ -99,13 +100,13 @@ def sources(tmp_path_factory: pytest.TempPathFactory, rig: Rig, joints: np.ndarr
 @pytest.fixture(scope="module")
 def headset(sources: pa.Table, tmp_path_factory: pytest.TempPathFactory) -> dict[str, pa.Table]:
     context = Context(tmp_path_factory.mktemp("blobs"), RECORDING)
-    found = dict(INGEST_EGO.run(StageConfig(), {"sources": sources}, context))
+    found = dict(INGEST_EGO.run(IngestEgoConfig(chunk_frames=3), {"sources": sources}, context))
     rows = found["views"].to_pylist()
     for row in rows:
         row["video_file"] = str(context.blob_dir / row["video_file"]) if row["video_file"] else ""
     views = VIEWS.from_rows(rows)
     rectified_views = UNDISTORT.run(UNDISTORTED, {"views": views}, context)["rectified_views"]
-    return {"views": views, "frames": found["frames"], "rectified_views": rectified_views}
+    return {"views": views, "frames": found["frames"], "boxes": found["boxes"], "rectified_views": rectified_views}
 
 
 def _annotation(joints: np.ndarray, frames: range = range(NUM_FRAMES)) -> pa.Table:
@@ -202,4 +203,4 @@ def test_hands_that_meet_are_in_one_crop(headset: dict[str, pa.Table], joints: n
 
 def test_a_sequence_that_its_headsets_file_lacks_is_named(sources: pa.Table, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"ego\.json has no recording other"):
-        INGEST_EGO.run(StageConfig(), {"sources": sources}, Context(tmp_path, "other"))
+        INGEST_EGO.run(IngestEgoConfig(chunk_frames=3), {"sources": sources}, Context(tmp_path, "other"))

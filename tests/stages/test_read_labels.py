@@ -22,12 +22,13 @@ def _read(folder: Path, keys: list[int], rate_hz: float = 30.0, first_key: int |
     joints = np.where(is_valid[..., None], JOINTS_MM[: len(keys)], np.nan)
     path = folder / "joint_3d.json"
     write_joint_annotations(path, {RECORDING: JointAnnotations(np.array(keys), joints, is_valid)})
-    source = {"sequence_id": RECORDING, "role": "labels", "name": "joint_3d", "source_file": str(path), "sha256": ""}
+    name = changes.get("name", "joint_3d")
+    source = {"sequence_id": RECORDING, "role": "labels", "name": name, "source_file": str(path), "sha256": ""}
     view = {"sequence_id": RECORDING, "camera_id": "a", "video_file": "", "video_sha256": "", "num_frames": 9}
     view |= {"rate_hz": rate_hz, "image_fit": "same", "note": "", "valid": True, "reason": "", **missing_camera_row()}
     inputs = {"sources": SOURCES.from_rows([source]), "views": VIEWS.from_rows([view])}
-    name = changes.get("sequence_id", RECORDING)
-    return STAGE.run(ReadLabelsConfig(first_key=first_key), inputs, Context(folder, name))["labels"].to_pylist()
+    recording = changes.get("sequence_id", RECORDING)
+    return STAGE.run(ReadLabelsConfig(first_key=first_key), inputs, Context(folder, recording))["labels"].to_pylist()
 
 
 def test_every_hand_that_anyone_annotated_has_a_row(tmp_path: Path) -> None:
@@ -45,10 +46,16 @@ def test_every_hand_that_anyone_annotated_has_a_row(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("rate_hz", "first_key", "frames"), [(60.0, 0, {84, 86, 90}), (30.0, None, {0, 1, 3}), (30.0, 4, {40, 41, 43})]
+    ("rate_hz", "first_key", "name", "frames"),
+    [
+        (60.0, 0, "joint_3d", {84, 86, 90}),
+        (30.0, None, "joint_3d", {42, 43, 45}),
+        (30.0, None, "joint_3d_release", {0, 1, 3}),
+        (30.0, 4, "joint_3d_release", {40, 41, 43}),
+    ],
 )
-def test_keys_become_frames(tmp_path: Path, rate_hz: float, first_key: int | None, frames: set[int]) -> None:
-    assert {row["frame"] for row in _read(tmp_path, [84, 86, 90], rate_hz, first_key)} == frames
+def test_keys_become_frames(tmp_path: Path, rate_hz: float, first_key: int | None, name: str, frames: set[int]) -> None:
+    assert {row["frame"] for row in _read(tmp_path, [84, 86, 90], rate_hz, first_key, name=name)} == frames
 
 
 def test_keys_between_frames_and_foreign_files_are_refused(tmp_path: Path) -> None:

@@ -9,10 +9,10 @@ import pytest
 import yaml
 from ego_crops import ego_crops
 
-from assemblyhands_core.data.catalog import CHUNKS, EGO_CROPS, MEMBERS
+from assemblyhands_core.data.catalog import EGO_CROPS, MEMBERS
 from assemblyhands_core.models.pretrained import load_svegonet
-from stages._contract import Context, Tables
-from stages.train_svegonet import STAGE, TrainSvegonetConfig
+from stages._contract import Context, Stage, Tables
+from stages.train_svegonet import ON_AUTOMATIC, ON_MANUAL, STAGE, TrainSvegonetConfig
 
 CONF = Path(__file__).parents[2] / "conf" / "stage" / "train_svegonet.yaml"
 SHORT = {"num_epochs": 3, "steps_per_epoch": 8, "batch_size": 4, "num_loaders": 0, "held_out_share": 0.25}
@@ -31,24 +31,22 @@ def _named(crops: pa.Table, sequence_id: str) -> pa.Table:
 
 
 def _inputs(splits: dict[str, str], manual: pa.Table, automatic: pa.Table) -> Tables:
-    takes = [
-        {"sequence_id": name, "chunk": take, "first_frame": 3 * take, "num_frames": 3}
-        for name in splits
-        for take in range(4)
-    ]
     members = MEMBERS.from_rows([{"sequence_id": name, "split": split} for name, split in splits.items()])
-    return {"members": members, "chunks": CHUNKS.from_rows(takes), "manual": manual, "automatic": automatic}
+    return {"members": members, "manual": manual, "automatic": automatic}
 
 
-def _run(config: TrainSvegonetConfig, inputs: Tables, folder: Path) -> tuple[Tables, dict[str, Any]]:
-    made = STAGE.run(config, inputs, Context(folder, "all", 1, folder / "scratch"))
+def _run(
+    config: TrainSvegonetConfig, inputs: Tables, folder: Path, stage: Stage[TrainSvegonetConfig] = STAGE
+) -> tuple[Tables, dict[str, Any]]:
+    inputs = {role: inputs[role] for role in stage.inputs}
+    made = stage.run(config, inputs, Context(folder, "all", 1, folder / "scratch"))
     return made, json.loads(made["weights"]["card"][0].as_py())
 
 
 def test_it_learns_and_leaves_weights_that_can_be_read(tmp_path: Path) -> None:
     crops = _named(ego_crops(12), "a")
-    config = _config(labels="manual", learning_rate=0.02, num_epochs=6)
-    made, card = _run(config, _inputs({"a": "train"}, crops, EGO_CROPS.empty()), tmp_path)
+    config = _config(learning_rate=0.02, num_epochs=6)
+    made, card = _run(config, _inputs({"a": "train"}, crops, EGO_CROPS.empty()), tmp_path, ON_MANUAL)
     loss = made["curve"]["loss"].to_pylist()
     assert loss[-1] < 0.85 * loss[0]
     assert (card["samples"], card["held_out"], card["labels"]) == (8, 3, "manual")  # frame 3 has no crop
@@ -57,28 +55,28 @@ def test_it_learns_and_leaves_weights_that_can_be_read(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("labels", "splits", "samples", "held_out"),
+    ("stage", "splits", "samples", "held_out"),
     [
-        ("manual", {"a": "train", "b": "test"}, 8, 3),
-        ("automatic", {"a": "train", "b": "train"}, 16, 6),
-        ("both", {"a": "train", "b": "train"}, 27, 6),  # the last two takes are of b, which nobody annotated
-        ("automatic", {"a": "train", "b": "val"}, 11, 11),
-        ("both", {"a": "manual_train", "b": "train"}, 16, 6),  # manual ones of a, automatic ones of b
-        ("manual", {"a": "manual_train", "b": "train"}, 8, 3),
+        (ON_MANUAL, {"a": "train", "b": "test"}, 8, 3),  # of a single sequence, the last frames
+        (ON_AUTOMATIC, {"a": "train", "b": "train"}, 11, 11),  # otherwise whole ones
+        (STAGE, {"a": "train", "b": "train"}, 22, 11),
+        (ON_AUTOMATIC, {"a": "train", "b": "val"}, 11, 11),
+        (STAGE, {"a": "manual_train", "b": "train"}, 11, 11),  # manual ones of a, automatic ones of b
+        (ON_MANUAL, {"a": "manual_train", "b": "train"}, 8, 3),
     ],
 )
 def test_splits_and_labels_decide_what_is_learnt(
-    tmp_path: Path, labels: str, splits: dict[str, str], samples: int, held_out: int
+    tmp_path: Path, stage: Stage[TrainSvegonetConfig], splits: dict[str, str], samples: int, held_out: int
 ) -> None:
     manual = _named(ego_crops(12), "a")
     automatic = pa.concat_tables([manual, _named(manual, "b")])
-    _, card = _run(_config(labels=labels, num_epochs=1), _inputs(splits, manual, automatic), tmp_path)
+    _, card = _run(_config(num_epochs=1), _inputs(splits, manual, automatic), tmp_path, stage)
     assert (card["samples"], card["held_out"]) == (samples, held_out)
 
 
 def test_without_training_sequences_it_says_so(tmp_path: Path) -> None:
-    crops = _named(ego_crops(6), "a")
+    inputs = _inputs({"a": "test"}, _named(ego_crops(6), "a"), EGO_CROPS.empty())
     with pytest.raises(
         ValueError, match="no sequence of split manual_train or train has egocentric crops with manual labels"
     ):
-        _run(_config(labels="manual"), _inputs({"a": "test"}, crops, crops), tmp_path)
+        _run(_config(), inputs, tmp_path, ON_MANUAL)

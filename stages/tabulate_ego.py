@@ -1,0 +1,42 @@
+"""Make the table of an egocentric network: its errors on the sequences that it did not learn from (paper, Table 4)."""
+
+import pyarrow as pa
+import pyarrow.compute as pc
+from pydantic import Field
+
+from assemblyhands_core.data.catalog import EGO_ERRORS, EVALUATION, MEMBERS
+from assemblyhands_core.metrics.annotation import Resampling
+from assemblyhands_core.metrics.egocentric import evaluate_egocentric
+from stages._contract import Context, Stage, StageConfig, Tables
+
+_LEARNT_FROM = ("train", "manual_train", "val", "manual_val")
+
+
+class TabulateEgoConfig(StageConfig):
+    """Parameters of the intervals."""
+
+    block_frames: int = Field(ge=1)
+    num_resamples: int = Field(ge=100)
+    seed: int = Field(ge=0)
+
+
+def run(config: TabulateEgoConfig, inputs: Tables, context: Context) -> Tables:
+    """Tabulate the errors on all sequences but those of the splits for training; on all, if there are no others."""
+    members = inputs["members"]
+    is_other = pc.invert(pc.is_in(members["split"], value_set=pa.array(_LEARNT_FROM)))
+    names = members.filter(is_other)["sequence_id"] if pc.any(is_other).as_py() else members["sequence_id"]
+    errors = pa.concat_tables([inputs["manual"], inputs["automatic"]])
+    errors = errors.filter(pc.is_in(errors["sequence_id"], value_set=names.combine_chunks()))
+    cells = evaluate_egocentric(errors, Resampling(config.block_frames, config.num_resamples, config.seed))
+    return {"metrics": EVALUATION.from_rows([{"sequence_id": context.sequence_id, **cell._asdict()} for cell in cells])}
+
+
+STAGE = Stage(
+    name="tabulate_ego",
+    version=1,
+    config=TabulateEgoConfig,
+    inputs={"members": MEMBERS, "manual": EGO_ERRORS, "automatic": EGO_ERRORS},
+    outputs={"metrics": EVALUATION},
+    run=run,
+    shard="set",
+)
