@@ -24,6 +24,7 @@ commands
   annotate   video in, 3D hand joints out (the default): what is there already is reused
   smooth     the same, and the joints cleaned up over time beside them
   evaluate   annotate, hold every round against the truth where it is known, and write a report
+  export     annotate, and write AssemblyHands and COCO files of it, with the headset's pictures where there is one
   simulate   record synthetic sequences in the simulated studio
   train      draw crops and train our networks on them: manifest=data_manifests/training_crops.csv
   predict    hands in the headset's pictures, with SVEgoNet; held against labels where there are any

@@ -16,8 +16,10 @@ from assemblyhands_core.data.digests import FileDigests
 from assemblyhands_core.data.store import Store
 from pipeline import summary
 from pipeline.config import RunConfig, UserError
+from pipeline.ego_evaluation import print_egocentric
 from pipeline.evaluation import kinds_of_sequences, print_evaluation
 from pipeline.executors import open_executor, resolve_workers
+from pipeline.exporting import write_export
 from pipeline.garbage import find_garbage
 from pipeline.history import History
 from pipeline.interrupts import interrupts_kept
@@ -87,7 +89,9 @@ def _run(config: RunConfig, console: Console, command_line: str) -> int:
     summary.print_weights(console, folder)
     kinds = kinds_of_sequences(config)
     print_evaluation(console, config, folder, kinds)
+    print_egocentric(console, folder)
     write_report(console, config, folder, kinds)
+    write_export(console, config, folder)
     summary.print_keypoints(console, folder)
     summary.print_times(console, found, started)
     _say(console, f"results: {folder}")

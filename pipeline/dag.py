@@ -16,6 +16,7 @@ from stages import (
     detect_keypoints,
     draw_body_views,
     draw_crops,
+    draw_ego_sheet,
     draw_overlays,
     evaluate,
     evaluate_ego,
@@ -39,6 +40,7 @@ from stages import (
     triangulate,
     undistort,
     use_weights,
+    write_ego_pictures,
 )
 from stages._contract import Sharding, Stage
 
@@ -187,9 +189,10 @@ def build_dag(num_rounds: int = 3) -> Dag:
         "doctor": ("audit",),
         "undistort": ("undistort",),
         "ego": ("project_ego", "project_manual"),
+        "export": (f"round_{num_rounds}", "ego_pictures"),
         "train_ego": ("svegonet_both", "ego_evaluation_both"),
         "cross": tuple(f"ego_evaluation_{labels}" for labels in ("manual", "automatic", "both")),
-        "predict": ("predict_ego", "predict_manual", "ego_evaluation"),
+        "predict": ("predict_ego", "predict_manual", "ego_evaluation", "ego_sheet"),
         "simulate": ("delivery", "preview"),
         "training_data": ("training_crops", "body_views"),
         "train": ("body_weights", "keypoint_weights", "mvexonet_weights"),
@@ -322,22 +325,21 @@ def _add_egocentric(dag: Dag, last: str) -> None:
     """Add how an annotation becomes crops of the headset's pictures (paper, Sec. 4)."""
     dag.add("ingest_ego", ingest_ego.STAGE, sources=EGO_EDGE)
     dag.add("undistort_ego", undistort.STAGE, views="ingest_ego.views")
-    for name, chunks, joints in (
-        ("project_ego", "ingest.chunks", f"{last}.joints"),
-        ("project_manual", "ingest_ego.chunks", "ingest_ego.joints"),  # needs nothing of the fixed cameras
-    ):
-        dag.add(
-            name,
-            project_ego.STAGE,
-            chunks=chunks,
-            views="ingest_ego.views",
-            rectified_views="undistort_ego.rectified_views",
-            frames="ingest_ego.frames",
-            boxes="ingest_ego.boxes",
-            joints=joints,
-        )
+    headset = {
+        "views": "ingest_ego.views",
+        "rectified_views": "undistort_ego.rectified_views",
+        "frames": "ingest_ego.frames",
+        "boxes": "ingest_ego.boxes",
+    }
+    automatic = {**headset, "chunks": "ingest.chunks", "joints": f"{last}.joints"}
+    manual = {**headset, "chunks": "ingest_ego.chunks", "joints": "ingest_ego.joints"}  # nothing of fixed cameras
+    dag.add("project_ego", project_ego.STAGE, **automatic)
+    dag.add("project_manual", project_ego.STAGE, **manual)
+    dag.add("ego_pictures", write_ego_pictures.STAGE, **automatic)
     dag.add("svegonet", use_weights.STAGE)
     _add_prediction(dag, "", "svegonet.weights")
+    seen = {"views": "ingest.views", "crops": "project_ego.crops", "hands": "predict_ego.hands"}
+    dag.add("ego_sheet", draw_ego_sheet.STAGE, **seen)
     crops = {"members": MEMBER_EDGE, "manual": "project_manual.crops", "automatic": "project_ego.crops"}
     for name, stage in (
         ("manual", train_svegonet.ON_MANUAL),

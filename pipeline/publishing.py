@@ -69,10 +69,14 @@ def _clear(layout: DatasetLayout, recording: str, files: Files) -> None:
 
 def _lay_out(layout: DatasetLayout, files: Files) -> None:
     for row in files:
-        source, target = Path(row["content_file"]), layout.root / row["path"]
-        if not (target.exists() and target.samefile(source)):
-            target.parent.mkdir(parents=True, exist_ok=True)
-            _link(source, target)
+        lay_out(Path(row["content_file"]), layout.root / row["path"])
+
+
+def lay_out(source: Path, target: Path) -> None:
+    """Put a file of the store where it belongs in a data set: a link where the file system allows, else a copy."""
+    if not (target.exists() and target.samefile(source)):
+        target.parent.mkdir(parents=True, exist_ok=True)
+        _link(source, target)
 
 
 def _link(source: Path, target: Path) -> None:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Final
 
-from assemblyhands_core.data.digests import FileDigests
+from assemblyhands_core.data.digests import FileDigests, digest_json
 from assemblyhands_core.data.label_rows import FROM_FIRST_KEY
 from assemblyhands_core.data.layout import DatasetLayout
 from assemblyhands_core.data.packages import PackageError, fetch_package
@@ -101,7 +101,8 @@ class Recording:
                 "role": role,
                 "name": name,
                 "source_file": str(path),
-                "sha256": digests(path) if path.is_file() else "",  # of a folder: its list says what it holds
+                # What a folder holds its list says; where it is counts, as rows name the pictures in it.
+                "sha256": digest_json(str(path)) if path.is_dir() else digests(path),
             }
             for role, name, path in files
         )

@@ -10,6 +10,7 @@ from assemblyhands_core.data.layout import DatasetLayout
 from assemblyhands_core.data.names import parse_recording_name
 from assemblyhands_core.data.split_files import check_new_splits
 from assemblyhands_core.synthetic.crop_draws import FIRST_SUBJECT
+from assemblyhands_core.synthetic.session import RATE_HZ
 from pipeline.config import RunConfig, UserError
 from pipeline.dag import CROP_EDGE, TAKE_EDGE
 from pipeline.manifests import ManifestRow, select_rows
@@ -31,6 +32,7 @@ class OrderedTake:
     rig: str
     duration_s: float
     package: str
+    rate_hz: int = RATE_HZ
     keypoints: None = None
     detector: ClassVar[str] = ""
 
@@ -42,7 +44,8 @@ class OrderedTake:
     @property
     def heading(self) -> str:
         """Return the first line of its list of delivered files: another order is another recording."""
-        return f"# rig={self.rig} duration_s={self.duration_s!r} split={self.split}"
+        rate = "" if self.rate_hz == RATE_HZ else f" rate_hz={self.rate_hz}"
+        return f"# rig={self.rig} duration_s={self.duration_s!r}{rate} split={self.split}"
 
 
 def studio_folder(workspace: Path) -> Path:
@@ -93,7 +96,7 @@ def _take(row: ManifestRow, config: RunConfig) -> OrderedTake:
         _check_person(name, row["manifest"])
     if row["rig"] not in ("assembly", "desktop"):
         raise UserError(f"{row['manifest']}, sequence {name}: rig is {row['rig']!r}, has to be assembly or desktop")
-    return OrderedTake(name, row["split"], row["rig"], _duration_s(row), row["package"])
+    return OrderedTake(name, row["split"], row["rig"], _duration_s(row), row["package"], _rate_hz(row))
 
 
 def _check_person(name: str, manifest: str) -> None:
@@ -103,6 +106,15 @@ def _check_person(name: str, manifest: str) -> None:
         raise UserError(f"{manifest}: {error}") from error
     if participant >= (first := min(FIRST_SUBJECT.values())):
         raise UserError(f"{manifest}: persons from {first} on are those of training crops; name {name} otherwise")
+
+
+def _rate_hz(row: ManifestRow) -> int:
+    """Return the frames a second that a row orders; 60 Hz keys have to name every frame."""
+    rates = {str(rate): rate for rate in range(1, RATE_HZ + 1) if RATE_HZ % rate == 0}
+    if (rate := rates.get(row["rate_hz"] or str(RATE_HZ))) is None:
+        where = f"{row['manifest']}, sequence {row['sequence_id']}"
+        raise UserError(f"{where}: rate_hz is {row['rate_hz']!r}, has to be one of {', '.join(rates)}")
+    return rate
 
 
 def _duration_s(row: ManifestRow) -> float:

@@ -2,7 +2,7 @@
 
 import shutil
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import pyarrow as pa
@@ -34,12 +34,13 @@ from assemblyhands_core.data.video_concatenation import concatenate
 from assemblyhands_core.geometry.cameras import Camera
 from assemblyhands_core.synthetic.annotator import annotate
 from assemblyhands_core.synthetic.rig import Rig
-from assemblyhands_core.synthetic.session import RATE_HZ, Order
+from assemblyhands_core.synthetic.session import Order
 from assemblyhands_core.synthetic.toys import NOUNS, toy_name
 from stages._contract import Context, Stage, StageConfig, Tables
 from stages._simulator import simulator_externals
 
 _DRAFT = "dataset"
+_SEGMENT_RATE_HZ: Final = 30  # of Assembly101's file, whatever the videos' rate
 
 
 class DeliverRecordingConfig(StageConfig):
@@ -74,23 +75,24 @@ def _write_videos(footage: pa.Table, order: Order, layout: DatasetLayout) -> Non
 
 def _write_labels(config: DeliverRecordingConfig, inputs: Tables, order: Order, rig: Rig, folder: Path) -> None:
     """Write this recording's share of the files of its split."""
-    step = max(1, round(config.labelled_every_s * RATE_HZ))
-    labels = annotate(order.recording, inputs["true_joints"], inputs["true_views"], range(0, order.num_frames, step))
+    step = max(1, round(config.labelled_every_s * order.rate_hz))
+    frames = range(0, order.num_frames, step)
+    labels = annotate(order.recording, inputs["true_joints"], inputs["true_views"], frames, order.rate_hz)
     write_joint_annotations(folder / JOINTS_SHARE, {order.recording: labels})
     if rig.ego:
-        ego = _ego_calibration(rig, inputs["true_instants"])
+        ego = _ego_calibration(rig, inputs["true_instants"], order.rate_hz)
         write_ego_calibration(folder / EGO_SHARE, {order.recording: ego})
     views = sorted({row["camera_id"] for row in inputs["footage"].to_pylist()})
     write_fine_grained_30fps(folder / ACTIONS_SHARE, _segments(inputs["actions"], order, tuple(views)))
 
 
-def _ego_calibration(rig: Rig, instants: pa.Table) -> EgoCalibration:
+def _ego_calibration(rig: Rig, instants: pa.Table, rate_hz: int) -> EgoCalibration:
     poses = to_numpy(instants["T_headset_from_world"]).reshape(-1, 4, 4)
     cameras = [rig.ego_at(pose) for pose in poses]
     return EgoCalibration(
         camera_ids=tuple(rig.ego),
         K_px=np.stack([_rectified_K(camera) for camera in rig.ego.values()]),
-        frames_60hz=to_numpy(instants["frame"]) * (KEY_RATE_HZ // RATE_HZ),
+        frames_60hz=to_numpy(instants["frame"]) * (KEY_RATE_HZ // rate_hz),
         T_camera_from_world=np.stack([[there[name].T_camera_from_world for name in rig.ego] for there in cameras]),
     )
 
@@ -105,9 +107,9 @@ def _segments(actions: pa.Table, order: Order, views: tuple[str, ...]) -> list[S
     found = [
         Segment(
             recording=order.recording,
-            start_frame=round(row["start_s"] * RATE_HZ),
-            end_frame=max(round(row["start_s"] * RATE_HZ), round(row["end_s"] * RATE_HZ) - 1),
-            rate_hz=RATE_HZ,
+            start_frame=round(row["start_s"] * _SEGMENT_RATE_HZ),
+            end_frame=max(round(row["start_s"] * _SEGMENT_RATE_HZ), round(row["end_s"] * _SEGMENT_RATE_HZ) - 1),
+            rate_hz=_SEGMENT_RATE_HZ,
             action=Action.of(row["verb"], row["noun"], NOUNS),
             toy_id=toy,
             toy_name=toy_name(toy, order.rig),

@@ -19,7 +19,7 @@ from assemblyhands_core.data.digests import digest_file
 from assemblyhands_core.data.ground_truth import TRUE_INSTANTS, TRUE_JOINTS, TRUE_VIEWS, ground_truth_tables
 from assemblyhands_core.data.studio_tables import FOOTAGE, TAKES
 from assemblyhands_core.data.video_writer import VideoWriter
-from assemblyhands_core.synthetic.session import RATE_HZ, Order, Session, Shot
+from assemblyhands_core.synthetic.session import Order, Session, Shot
 from stages._contract import Context, Stage, StageConfig, Tables
 from stages._simulator import simulator_externals
 
@@ -56,7 +56,7 @@ def _film(config: FilmTakeConfig, session: Session, frames: range, context: Cont
             for camera_id, image in shot.images.items():
                 if camera_id not in writers:
                     path = context.blob_dir / blob_name(camera_id, ".mp4")
-                    writer = VideoWriter(path, image.shape[1], image.shape[0], RATE_HZ, config.crf)
+                    writer = VideoWriter(path, image.shape[1], image.shape[0], session.rate_hz, config.crf)
                     writers[camera_id] = stack.enter_context(writer)
                 writers[camera_id].write(image if image.ndim == 3 else np.repeat(image[..., None], 3, axis=-1))
             yield replace(shot, images={})

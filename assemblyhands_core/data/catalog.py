@@ -240,6 +240,23 @@ EGO_CROPS: Final = TableSpec(
         ]
     ),
 )
+EGO_PICTURES: Final = TableSpec(
+    "ego_pictures",
+    1,
+    ("sequence_id", "frame", "camera_id"),
+    pa.schema(
+        [
+            *_INSTANT,
+            ("camera_id", _TEXT),
+            *_CAMERA,  # of the rectified picture, a pinhole
+            ("picture_file", _TEXT),
+            ("sha256", _TEXT),
+            ("joints_px", _each(pa.float32(), 4 * NUM_JOINTS)),  # right hand first; NaN where not labelled
+            ("is_labelled", _each(_FLAG, 2 * NUM_JOINTS)),  # known, and in the picture
+            ("box_px", _each(pa.float64(), 8)),  # right hand, left hand: left, top, right, bottom; NaN without crop
+        ]
+    ),
+)
 EGO_HANDS: Final = TableSpec(
     "ego_hands",
     1,

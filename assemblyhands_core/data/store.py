@@ -196,6 +196,11 @@ def load(path_or_node: str | Path, table: str | None = None, *, run: str = "late
         FileNotFoundError: naming what is absent and what there is.
         OSError: naming a file that is damaged.
     """
+    return cast("pd.DataFrame", load_table(path_or_node, table, run).to_pandas())
+
+
+def load_table(path_or_node: str | Path, table: str | None = None, run: str = "latest") -> pa.Table:
+    """Return what `load` does, as an Arrow table."""
     path = Path(path_or_node)
     if not path.exists():
         path = workspace_folder() / "runs" / run / path_or_node
@@ -205,7 +210,7 @@ def load(path_or_node: str | Path, table: str | None = None, *, run: str = "late
     if not files or not path.exists():
         there = sorted(p.name for p in path.parent.glob("*")) if path.parent.is_dir() else []
         raise FileNotFoundError(f"{path} holds no table; beside it there are: {', '.join(there) or 'no files'}")
-    return cast("pd.DataFrame", pa.concat_tables([_load_file(file) for file in files]).to_pandas())
+    return pa.concat_tables([_load_file(file) for file in files])
 
 
 def workspace_folder() -> Path:

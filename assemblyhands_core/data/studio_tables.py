@@ -14,9 +14,9 @@ _SEQUENCE: Final = [("sequence_id", _TEXT)]
 
 TAKES: Final = TableSpec(
     "takes",
-    1,
+    2,
     ("sequence_id",),
-    pa.schema([*_SEQUENCE, ("rig", _TEXT), ("duration_s", pa.float64())]),
+    pa.schema([*_SEQUENCE, ("rig", _TEXT), ("duration_s", pa.float64()), ("rate_hz", pa.int32())]),
 )
 """What is to be recorded; the sequence's name says who, with which toy and on which day."""
 

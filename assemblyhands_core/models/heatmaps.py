@@ -145,7 +145,8 @@ def _masked_mean(values: Float[Tensor, "batch joint"], is_counted: Bool[Tensor, 
 def _probabilities(
     heatmaps: Float[Tensor, "batch joint *cell"], temperature: float
 ) -> Float[Tensor, "batch joint *cell"]:
-    return (_precise(heatmaps).flatten(2) / temperature).softmax(dim=-1).view(heatmaps.shape)
+    flat = (_precise(heatmaps).flatten(2) / temperature).softmax(dim=-1)
+    return flat.unflatten(2, heatmaps.shape[2:])  # an exported network takes batches of any size
 
 
 def _precise(heatmaps: Float[Tensor, "batch joint *cell"]) -> Float[Tensor, "batch joint *cell"]:
@@ -170,7 +171,7 @@ def _mass_near(
         distance = _steps(probabilities, 2 + axis) - cells[..., axis, None]
         around = [1] * num_axes
         around[axis] = -1
-        squared = squared + distance.square().view(*cells.shape[:2], *around)
+        squared = squared + distance.square().unflatten(2, around)
     return (probabilities * (squared <= radius_cells**2)).flatten(2).sum(dim=-1)
 
 

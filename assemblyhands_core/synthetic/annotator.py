@@ -38,14 +38,17 @@ def noise_mm(num_views: Int64[np.ndarray, "*hand joint=21"]) -> Float64[np.ndarr
     return np.asarray(JOINT_NOISE_MM * np.sqrt(ENOUGH_VIEWS / views))
 
 
-def annotate(recording: str, joints: pa.Table, views: pa.Table, frames: Iterable[int]) -> JointAnnotations:
+def annotate(
+    recording: str, joints: pa.Table, views: pa.Table, frames: Iterable[int], rate_hz: int = RATE_HZ
+) -> JointAnnotations:
     """Return labels of some frames; the same recording and frame always get the same.
 
     Args:
         recording: Its name.
         joints: `ground_truth.TRUE_JOINTS` of the recording.
         views: `ground_truth.TRUE_VIEWS` of the recording.
-        frames: Of the 30 Hz videos, ascending.
+        frames: Of the videos, ascending.
+        rate_hz: Of the videos.
     """
     chosen = list(frames)
     truth = dict(zip(_keys(joints), to_numpy(joints["joints_world_mm"]).reshape(-1, NUM_JOINTS, 3), strict=True))
@@ -59,7 +62,7 @@ def annotate(recording: str, joints: pa.Table, views: pa.Table, frames: Iterable
         is_valid[index] = seen >= MIN_VIEWS
         true = np.stack([truth[frame, hand] for hand in HANDS])
         world[index] = np.where(is_valid[index][..., None], true + errors, np.nan)
-    keys = np.array(chosen, dtype=np.int64) * (KEY_RATE_HZ // RATE_HZ)
+    keys = np.array(chosen, dtype=np.int64) * (KEY_RATE_HZ // rate_hz)
     return JointAnnotations(keys, world, is_valid)
 
 

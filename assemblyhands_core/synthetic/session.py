@@ -19,7 +19,7 @@ from assemblyhands_core.synthetic.scene import Studio
 from assemblyhands_core.synthetic.take import State, Take
 
 RATE_HZ: Final = 30
-"""Frames a second of the studio's videos."""
+"""Frames a second of the studio's videos, unless ordered otherwise."""
 
 
 @dataclass(frozen=True)
@@ -31,6 +31,7 @@ class Order:
             calibrated once a day), and, by all of its letters, what happens.
         rig: In front of which cameras.
         duration_s: For how long.
+        rate_hz: Frames a second; fewer than `RATE_HZ` show more of what happens in as many pictures.
 
     Raises:
         ValueError: The name is not of the data set's pattern.
@@ -39,12 +40,13 @@ class Order:
     recording: str
     rig: RigKind
     duration_s: float
+    rate_hz: int = RATE_HZ
 
     @staticmethod
     def of(takes: pa.Table) -> "Order":
         """Return the one row of a `studio_tables.TAKES` table."""
         (row,) = takes.to_pylist()
-        return Order(row["sequence_id"], row["rig"], row["duration_s"])
+        return Order(row["sequence_id"], row["rig"], row["duration_s"], row["rate_hz"])
 
     def __post_init__(self) -> None:
         """Refuse a name that tells nobody who is recorded."""
@@ -53,7 +55,7 @@ class Order:
     @property
     def num_frames(self) -> int:
         """Return the length of the videos."""
-        return max(1, round(self.duration_s * RATE_HZ))
+        return max(1, round(self.duration_s * self.rate_hz))
 
     def write_take(self) -> Take:
         """Write the script of what happens."""
@@ -85,7 +87,7 @@ class Session:
 
     def __init__(self, order: Order) -> None:
         """Set up take, room and cameras."""
-        self.rig = order.build_rig()
+        self.rig, self.rate_hz = order.build_rig(), order.rate_hz
         self.take = order.write_take()
         self._studio = Studio.of(self.take)
         day_seed = parse_recording_name(order.recording).day_seed
@@ -100,7 +102,7 @@ class Session:
 
     def shoot(self, frame: int) -> Shot:
         """Film one frame with all cameras."""
-        state = self.take.state_at(frame / RATE_HZ)
+        state = self.take.state_at(frame / self.rate_hz)
         scene, cameras = self._studio.scene(state), self.rig.cameras_at(state.T_headset_from_world)
         images = {
             name: render(

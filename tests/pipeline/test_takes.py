@@ -13,11 +13,11 @@ from pipeline.takes import absent_takes, select_takes
 
 NAME = "nusar-2021_action_both_1002-c13e_1002_user_id_2022-03-03_140549"
 OTHER = "nusar-2021_action_both_1002-c13e_1002_user_id_2022-03-04_140549"
-HEADER = "sequence_id,split,calibration,videos,package,rig,duration_s"
+HEADER = "sequence_id,split,calibration,videos,package,rig,duration_s,rate_hz"
 
 
 def config(folder: Path, line: str, **changes: object) -> RunConfig:
-    (folder / "set.csv").write_text(f"{HEADER}\n{line}\nreal,demo,calib.json,*.mp4,,,\n")
+    (folder / "set.csv").write_text(f"{HEADER}\n{line}\nreal,demo,calib.json,*.mp4,,,,\n")
     values = {
         "seq": NAME, "target": "simulate", "manifest": str(folder / "set.csv"), "release": None,
         "workspace": folder / "work", "run": "",
@@ -29,8 +29,8 @@ def config(folder: Path, line: str, **changes: object) -> RunConfig:
     return found
 
 
-def row(rig: str = "assembly", duration: str = "2.5", name: str = NAME, split: str = "test") -> str:
-    return f"{name},{split},,,synthetic,{rig},{duration}"
+def row(rig: str = "assembly", duration: str = "2.5", name: str = NAME, split: str = "test", rate: str = "") -> str:
+    return f"{name},{split},,,synthetic,{rig},{duration},{rate}"
 
 
 def deliver(folder: Path, heading: str, *paths: str) -> None:
@@ -46,13 +46,15 @@ def test_a_row_becomes_an_order(tmp_path: Path) -> None:
     (take,) = select_takes(config(tmp_path, row()))
     origins = take.origin_rows(FileDigests(tmp_path / "memory.json"))
     assert TAKES.from_rows(origins[TAKE_EDGE]).to_pylist() == [
-        {"sequence_id": NAME, "rig": "assembly", "duration_s": 2.5}
+        {"sequence_id": NAME, "rig": "assembly", "duration_s": 2.5, "rate_hz": 30}
     ]
-    assert origins[CROP_EDGE] == ()
+    assert origins[CROP_EDGE] == () and "rate" not in take.heading
+    (slow,) = select_takes(config(tmp_path, row(rate="2")))
+    assert slow.rate_hz == 2 and slow.heading == "# rig=assembly duration_s=2.5 rate_hz=2 split=test"
 
 
 def test_crops_are_ordered_for_training_only(tmp_path: Path) -> None:
-    line = "crops_train,train,,,crops,assembly,240"
+    line = "crops_train,train,,,crops,assembly,240,"
     (take,) = select_takes(config(tmp_path, line, seq="crops_train", target="train"))
     origins = take.origin_rows(FileDigests(tmp_path / "memory.json"))
     assert CROP_ORDERS.from_rows(origins[CROP_EDGE])["split"].to_pylist() == ["train"] and origins[TAKE_EDGE] == ()
@@ -69,6 +71,7 @@ def test_crops_are_ordered_for_training_only(tmp_path: Path) -> None:
         (row(duration=""), NAME, "duration_s is ''"),
         (row(duration="inf"), NAME, "duration_s is 'inf'"),
         (row(duration="0"), NAME, "above 0"),
+        (row(rate="24"), NAME, "rate_hz is '24', has to be one of 1, 2, 3, 5, 6, 10, 15, 30"),
         (row(rig="garage"), NAME, "rig is 'garage', has to be assembly or desktop"),
         (row(split=""), NAME, "a split is ''"),
         (row(name="mine"), "mine", r"set\.csv: 'mine' is no recording name"),

@@ -53,6 +53,8 @@ def test_the_same_frame_gets_the_same_label_whatever_else_is_labelled() -> None:
     tables = truth(3)
     whole = annotate(NAME, tables["true_joints"], tables["true_views"], range(0, NUM_FRAMES, 30))
     alone = annotate(NAME, tables["true_joints"], tables["true_views"], [60])
+    seldom = annotate(NAME, tables["true_joints"], tables["true_views"], [60], rate_hz=2)
+    assert alone.frames_60hz.tolist() == [120] and seldom.frames_60hz.tolist() == [1800]
     np.testing.assert_array_equal(whole.joints_world_mm[2], alone.joints_world_mm[0])
     assert alone.frames_60hz.tolist() == [120]
     assert np.abs(whole.joints_world_mm[2] - whole.joints_world_mm[1])[..., :20, :].min() > 0

@@ -3,7 +3,7 @@
 import pytest
 
 from assemblyhands_core.synthetic.rig import assembly_rig
-from assemblyhands_core.synthetic.session import Order
+from assemblyhands_core.synthetic.session import Order, Session
 
 NAME = "nusar-2021_action_both_1001-c09a_1001_user_id_2022-03-02_091830"
 SAME_PERSON = "nusar-2021_action_both_1001-a12b_1001_user_id_2022-03-02_151830"
@@ -18,6 +18,13 @@ def test_a_name_decides_on_person_day_and_script() -> None:
     rig, expected = one.build_rig(), assembly_rig(20220302)
     assert all((rig.exo[n].T_camera_from_world == c.T_camera_from_world).all() for n, c in expected.exo.items())
     assert len(Order(NAME, "desktop", 2.0).build_rig().exo) == 12
+
+
+def test_fewer_pictures_a_second_show_the_same_instants() -> None:
+    often, seldom = Session(Order(NAME, "assembly", 4.0)), Session(Order(NAME, "assembly", 4.0, rate_hz=2))
+    assert Order(NAME, "assembly", 4.0, rate_hz=2).num_frames == 8
+    expected = often.take.state_at(45 / 30).joints_world_mm
+    assert seldom.take.state_at(3 / seldom.rate_hz).joints_world_mm.tobytes() == expected.tobytes()
 
 
 def test_a_name_that_tells_nobody_is_refused() -> None:
