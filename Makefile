@@ -14,7 +14,7 @@ SEQUENCE := $(if $(SET),manifest=data_manifests/synthetic_$(SET).csv) $(if $(SEQ
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 SOURCES := assemblyhands_core stages pipeline tests benchmarks
 
-.PHONY: annotate evaluate simulate train plan doctor gc test test-slow check format benchmark docs help clean
+.PHONY: annotate evaluate simulate train ego predict train-ego export plan doctor gc test test-slow check format benchmark docs help clean
 .DEFAULT_GOAL := help
 
 annotate: $(VENV)/.installed  ## video in, 3D hand joints out: SEQ=name (default: records one), ARGS='parameter=value'
@@ -23,12 +23,24 @@ annotate: $(VENV)/.installed  ## video in, 3D hand joints out: SEQ=name (default
 evaluate: $(VENV)/.installed  ## annotate, and hold every round against the simulator's truth: SET=test, SET=desktop, or SEQ=name
 	$(RUN) evaluate $(SEQUENCE) $(ARGS)
 
-simulate: $(VENV)/.installed  ## record synthetic sequences: SET=tiny, test, desktop, small or full, or SEQ=name
+simulate: $(VENV)/.installed  ## record synthetic sequences: SET=tiny, test, desktop, ego, small or full, or SEQ=name
 	$(RUN) simulate $(SEQUENCE) $(ARGS)
 
 train: $(VENV)/.installed-training  ## draw crops in the studio and train our networks on them (hours; goes on where it was)
 	$(RUN) training_data manifest=data_manifests/training_crops.csv seq=crops_train $(ARGS)
 	$(RUN) train manifest=data_manifests/training_crops.csv seq=crops_train executor=serial $(ARGS)
+
+ego: $(VENV)/.installed  ## crops of the headset's pictures, with our labels and people's
+	$(RUN) ego $(SEQUENCE) $(ARGS)
+
+predict: $(VENV)/.installed  ## hands in the headset's pictures, by SVEgoNet
+	$(RUN) predict $(SEQUENCE) $(ARGS)
+
+train-ego: $(VENV)/.installed-training  ## train SVEgoNet on a set: SET=ego, or ARGS='manifest=… seq=…'
+	$(RUN) train_ego $(SEQUENCE) $(ARGS)
+
+export: $(VENV)/.installed  ## annotate, and write AssemblyHands and COCO files of it
+	$(RUN) export $(SEQUENCE) $(ARGS)
 
 plan: $(VENV)/.installed  ## what `make annotate` would run, what it would reuse, and why
 	$(RUN) plan $(SEQUENCE) $(ARGS)

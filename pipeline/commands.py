@@ -19,7 +19,7 @@ from pipeline.config import RunConfig, UserError
 from pipeline.ego_evaluation import print_egocentric
 from pipeline.evaluation import kinds_of_sequences, print_evaluation
 from pipeline.executors import open_executor, resolve_workers
-from pipeline.exporting import write_export
+from pipeline.exporting import write_export, write_hands2023
 from pipeline.garbage import find_garbage
 from pipeline.history import History
 from pipeline.interrupts import interrupts_kept
@@ -92,6 +92,7 @@ def _run(config: RunConfig, console: Console, command_line: str) -> int:
     print_egocentric(console, folder)
     write_report(console, config, folder, kinds)
     write_export(console, config, folder)
+    write_hands2023(console, config, folder)
     summary.print_keypoints(console, folder)
     summary.print_times(console, found, started)
     _say(console, f"results: {folder}")

@@ -52,6 +52,7 @@ class RunConfig(_Model):
     target: str
     manifest: str | None
     release: Path | None
+    hands2023_template: Path | None = None
     workspace: Path
     run: str
     rounds: int = Field(ge=0, le=9)

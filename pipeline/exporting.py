@@ -17,24 +17,27 @@ from rich.console import Console
 
 from assemblyhands_core.data.arrays import to_numpy
 from assemblyhands_core.data.assemblyhands import (
+    KEYS_PER_VIDEO_FRAME,
     EgoCalibration,
     JointAnnotations,
     write_ego_calibration,
     write_joint_annotations,
 )
-from assemblyhands_core.data.assemblyhands_images import EgoImage, ego_image_file, write_ego_images
+from assemblyhands_core.data.assemblyhands_images import EgoImage, ego_image_file, read_ego_images, write_ego_images
 from assemblyhands_core.data.camera_rows import camera_from_row
 from assemblyhands_core.data.coco_keypoints import CocoHand, CocoPicture, write_coco_keypoints
+from assemblyhands_core.data.hands2023 import write_submission
 from assemblyhands_core.data.label_rows import FROM_FIRST_KEY, first_key_of, keys_per_frame, read_recording
 from assemblyhands_core.data.layout import DatasetLayout
 from assemblyhands_core.data.rounds import joints_or_nan
 from assemblyhands_core.data.store import load_table
-from assemblyhands_core.hands.joints import HANDS, NUM_JOINTS
+from assemblyhands_core.hands.joints import HANDS, NUM_BOTH, NUM_JOINTS
 from pipeline.config import RunConfig
 from pipeline.publishing import lay_out
 from pipeline.recordings import Recording, select_recordings
 
 TARGET: Final = "export"
+PREDICTION: Final = "predict"
 _NO_SPLIT: Final = "all"
 
 
@@ -78,6 +81,28 @@ def write_export(console: Console, config: RunConfig, run: Path) -> None:
         console.print(f"exported: {folder}", markup=False, highlight=False, soft_wrap=True)
 
 
+def write_hands2023(console: Console, config: RunConfig, run: Path) -> None:
+    """Fill the HANDS2023 template with what a run predicted, if it was given one, and say where the file is."""
+    if config.hands2023_template is None or config.target != PREDICTION:
+        return
+    folder = run / "submission"
+    folder.mkdir(exist_ok=True)
+    predicted = {recording.sequence_id: _both_hands(recording, run) for recording in select_recordings(config)}
+    archive, problems = write_submission(config.hands2023_template, predicted, folder)
+    for sentence in (*problems, f"submission: {archive}"):
+        console.print(sentence, markup=False, highlight=False, soft_wrap=True)
+
+
+def _both_hands(recording: Recording, run: Path) -> dict[int, Any]:
+    """Return a recording's predicted joints (42, 3) in the world by 60 Hz key."""
+    joints = _of(run / "predict_manual", "joints", recording.sequence_id)
+    if joints is None or not joints.num_rows:
+        return {}
+    part = _Exported(recording, _first_key(recording), KEYS_PER_VIDEO_FRAME, joints, None)
+    found = _annotations(part)
+    return dict(zip(found.frames_60hz.tolist(), found.joints_world_mm.reshape(-1, NUM_BOTH, 3), strict=True))
+
+
 def export(run: Path, recordings: Sequence[Recording], last_round: int) -> Path:
     """Write the files of a run's recordings; return their folder.
 
@@ -104,12 +129,19 @@ def _exported(recording: Recording, run: Path, last_round: int) -> Iterator[_Exp
         return
     views = _of(run / "ingest", "views", recording.sequence_id)
     rate_hz = float(views.filter(pc.field("valid"))["rate_hz"][0].as_py()) if views is not None else 30.0
-    first_key = 0
-    if recording.label_name == FROM_FIRST_KEY and recording.labels is not None:
-        source = {"source_file": str(recording.labels), "name": recording.label_name}
-        first_key = first_key_of(source, read_recording(source, recording.sequence_id))
     pictures = _of(run / "ego_pictures", "pictures", recording.sequence_id)
-    yield _Exported(recording, first_key, keys_per_frame(rate_hz), joints, pictures)
+    yield _Exported(recording, _first_key(recording), keys_per_frame(rate_hz), joints, pictures)
+
+
+def _first_key(recording: Recording) -> int:
+    """Return the 60 Hz key of a recording's frame 0: see `stages/ingest_ego.py`."""
+    if recording.label_name != FROM_FIRST_KEY:
+        return 0
+    if recording.labels is not None:
+        source = {"source_file": str(recording.labels), "name": recording.label_name}
+        return first_key_of(source, read_recording(source, recording.sequence_id))
+    images = read_ego_images(recording.ego_images) if recording.ego_images is not None else []
+    return min((image.frame_60hz for image in images if image.recording == recording.sequence_id), default=0)
 
 
 def _of(node: Path, table: str, sequence_id: str) -> pa.Table | None:

@@ -115,7 +115,7 @@ def _from_the_side(
 
 
 def _drawn(picture: Image, pixels: Floats, hand: Hand) -> Image:
-    return draw_hand(picture, pixels.astype(np.float64), np.isfinite(pixels).all(axis=-1), hand)
+    return draw_hand(picture, pixels.astype(np.float64), np.asarray(np.isfinite(pixels).all(axis=-1)), hand)
 
 
 def _enlarged(picture: Image, size_px: int) -> tuple[Image, float]:

@@ -146,7 +146,7 @@ def _probabilities(
     heatmaps: Float[Tensor, "batch joint *cell"], temperature: float
 ) -> Float[Tensor, "batch joint *cell"]:
     flat = (_precise(heatmaps).flatten(2) / temperature).softmax(dim=-1)
-    return flat.unflatten(2, heatmaps.shape[2:])  # an exported network takes batches of any size
+    return flat.view(-1, *heatmaps.shape[1:])  # -1: an exported network takes batches of any size
 
 
 def _precise(heatmaps: Float[Tensor, "batch joint *cell"]) -> Float[Tensor, "batch joint *cell"]:
@@ -170,8 +170,8 @@ def _mass_near(
     for axis in range(num_axes):
         distance = _steps(probabilities, 2 + axis) - cells[..., axis, None]
         around = [1] * num_axes
-        around[axis] = -1
-        squared = squared + distance.square().unflatten(2, around)
+        around[axis] = probabilities.shape[2 + axis]
+        squared = squared + distance.square().view(-1, cells.shape[1], *around)
     return (probabilities * (squared <= radius_cells**2)).flatten(2).sum(dim=-1)
 
 

@@ -1,5 +1,7 @@
 """The AssemblyHands release in miniature, by the command line: what is there, train, predict, and the same figure."""
 
+import json
+import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,6 +11,7 @@ import pytest
 from command_line import Outcome, pipeline
 from mini_release import CAMERAS, FIRST_KEY, NUM_FRAMES, SPLITS, TEST, TRAIN, true_joints, write_release
 
+from assemblyhands_core.data.hands2023 import SUBMISSION_NAME
 from assemblyhands_core.data.layout import DatasetLayout
 from assemblyhands_core.data.store import load
 from assemblyhands_core.hands.joints import HANDS
@@ -81,6 +84,24 @@ def test_the_toolkits_figure_is_that_of_its_definition(trained: Path) -> None:
     line = metrics[(metrics.metric == "toolkit_mpjpe_mm") & (metrics.row == "manual")].iloc[0]
     assert line.value == pytest.approx(expected, rel=1e-4) and 1.0 < expected < 500.0
     assert line.n == sum(map(len, errors)) and line.coverage == 100.0
+
+
+def test_predictions_fill_the_challenges_template(trained: Path, tmp_path: Path) -> None:
+    """Pictures with boxes and without labels, as in the test split: weights are those of the training."""
+    weights = load(trained / "runs" / "latest" / "svegonet_manual").weights_file[0]
+    release = _release(tmp_path, {TEST: "val"})
+    release.layout.annotations("val", "joint_3d").unlink()
+    frames = {f"{FIRST_KEY + 2 * frame:06d}": {"world_coord": [[-1.0] * 3] * 42} for frame in range(NUM_FRAMES)}
+    template = tmp_path / "template.json"
+    template.write_text(json.dumps({"annotations": {TEST: {**frames, "000998": {"world_coord": []}}}}))
+    settings = (f"hands2023_template={template}", f"use_weights.svegonet={weights}", *TINY[-2:])
+    outcome = release.run("predict", *settings, workspace=tmp_path / "work").assert_done()
+    assert f"{TEST}: 1 of {NUM_FRAMES + 1} frames are not predicted, 000998 the first" in outcome.said
+    with zipfile.ZipFile(tmp_path / "work" / "runs" / "latest" / "submission" / f"{SUBMISSION_NAME[:-5]}.zip") as file:
+        filled = json.loads(file.read(SUBMISSION_NAME))["annotations"][TEST]
+    assert set(filled) == {*frames, "000998"} and filled["000998"]["world_coord"] == [[0.0] * 3] * 42
+    found = np.array([filled[key]["world_coord"] for key in frames])
+    assert found.shape == (NUM_FRAMES, 42, 3) and (np.abs(found).sum(axis=(1, 2)) > 0).all()
 
 
 def test_preflight_says_what_is_there(tmp_path: Path) -> None:
