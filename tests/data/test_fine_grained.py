@@ -12,6 +12,7 @@ from assemblyhands_core.data.fine_grained import (
     Action,
     Segment,
     read_fine_grained,
+    verb_at,
     write_actions,
     write_fine_grained_30fps,
     write_fine_grained_60fps,
@@ -171,3 +172,11 @@ def test_every_action_once_by_number(tmp_path: Path) -> None:
         "id,action_id,verb_id,noun_id,action_cls,verb_cls,noun_cls\n"
         "0,0,0,0,pick up wheel,pick up,wheel\n1,19,6,1,screw bolt,screw,bolt\n"
     )
+
+
+def test_the_verb_of_an_instant_is_that_of_the_latest_segment() -> None:
+    pick, screw = (Action.of(verb, "wheel", ("wheel",)) for verb in ("pick up", "screw"))
+    segments = [Segment("r", 10, 20, 30, pick), Segment("r", 36, 50, 60, screw), Segment("r", 38, 39, 60, None)]
+    assert [verb_at(segments, key) for key in (19, 20, 35, 36, 38, 41, 50, 51)] == [
+        "", "pick up", "pick up", "screw", "screw", "screw", "screw", "",
+    ]  # fmt: skip

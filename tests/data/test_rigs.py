@@ -166,6 +166,18 @@ def test_assembly101_is_recognised_whatever_the_name(tmp_path: Path) -> None:
         assert list(cameras) == ["C1"] and cameras["C1"].fy_px == 1201.0
 
 
+def test_a_calib_txt_of_the_release_is_recognised_by_content(tmp_path: Path) -> None:
+    pose = [[1.0, 0.0, 0.0, -5.0], [0.0, 1.0, 0.0, 2.5], [0.0, 0.0, 1.0, 900.0]]
+    rows = [[1200.0, 0.0, 959.5], [0.0, 1210.0, 539.5], [0.0, 0.0, 1.0], [0.0] * 5, *pose]
+    text = "\n".join(" ".join(map(str, row)) for row in rows)
+    path = tmp_path / "whatever.dat"
+    path.write_text(f"C10095_rgb\n{text}\n\nC10115_rgb\n{text}\n")
+    cameras = read_calibration(path)
+    assert list(cameras) == ["C10095_rgb", "C10115_rgb"] and cameras["C10095_rgb"].lens == Pinhole()
+    assert (cameras["C10095_rgb"].fx_px, cameras["C10095_rgb"].fy_px) == (1200.0, 1210.0)
+    np.testing.assert_array_equal(cameras["C10115_rgb"].T_camera_from_world[:3], pose)
+
+
 def test_real_assembly101_calibrations_are_read(calibration_dir: Path) -> None:
     path = min(calibration_dir.glob("*.json"))
     assert len(read_calibration(path)) == 12

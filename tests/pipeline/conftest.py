@@ -81,6 +81,18 @@ def total(config: SumConfig, inputs: Tables, context: Context) -> Tables:
     return {"numbers": _numbers(context, np.zeros(1), np.array([to_numpy(inputs["numbers"]["value"]).sum()]))}
 
 
+def cut_finer(config: CutConfig, inputs: Tables, context: Context) -> Tables:
+    """One chunk for each number."""
+    count = len(np.loadtxt(inputs["sources"]["source_file"][1].as_py(), ndmin=1))
+    columns = {"chunk": np.arange(count), "first_frame": np.arange(count), "num_frames": np.ones(count)}
+    return {"chunks": CHUNKS.build({"sequence_id": [context.sequence_id] * count, **columns})}
+
+
+def total_of_both(config: SumConfig, inputs: Tables, context: Context) -> Tables:
+    values = [to_numpy(inputs[role]["value"]).sum() for role in ("a", "b")]
+    return {"numbers": _numbers(context, np.zeros(1), np.array([sum(values)]))}
+
+
 def mean(config: SumConfig, inputs: Tables, context: Context) -> Tables:
     """The mean over all sequences of a split of their totals."""
     splits = {row["sequence_id"]: row["split"] for row in inputs["members"].to_pylist()}
@@ -113,6 +125,11 @@ def toy_dag(version: int = 1) -> Dag:
     dag.add("error", judging, truth=TRUTH_EDGE, numbers="total.numbers")
     over_all = Stage("mean", 1, SumConfig, {"members": MEMBERS, "totals": NUMBERS}, numbers, mean, "set")
     dag.add("mean", over_all, members=MEMBER_EDGE, totals="total.numbers")
+    finer = Stage("cut_finer", 1, CutConfig, {"sources": SOURCES}, {"chunks": CHUNKS}, cut_finer, "sequence")
+    dag.add("finer", finer, sources=SOURCE_EDGE)
+    dag.add("times_finer", times, chunks="finer.chunks", numbers="cut.numbers")
+    both = Stage("sum_both", 1, SumConfig, {"a": NUMBERS, "b": NUMBERS}, numbers, total_of_both, "sequence")
+    dag.add("both", both, a="times.numbers", b="times_finer.numbers")
     comparing = Stage("compare", 1, SumConfig, {**numbers, "mean": NUMBERS}, numbers, compare, "chunk")
     dag.add("excess", comparing, numbers="times.numbers", mean="mean.numbers")
     return dag
@@ -158,7 +175,8 @@ class Toy:
         config._dag = toy_dag(self.version)
         config._dag.targets["made"] = self.targets
         config._stages = {"cut": CutConfig(), "sum": SumConfig(), "judge": SumConfig(),
-                          "mean": SumConfig(), "compare": SumConfig(),
+                          "mean": SumConfig(), "compare": SumConfig(), "cut_finer": CutConfig(),
+                          "sum_both": SumConfig(),
                           "multiply": MultiplyConfig(factor=self.factor, is_rounded=self.is_rounded)}  # fmt: skip
         return config
 

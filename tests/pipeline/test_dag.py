@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import pytest
 
 from assemblyhands_core.data.catalog import CHUNKS, SOURCES, VIEWS
@@ -79,3 +81,20 @@ def test_a_repeated_name_is_refused() -> None:
     dag.add("first", _stage(sources=SOURCES), sources=SOURCE_EDGE)
     with pytest.raises(ValueError, match="added twice"):
         dag.add("first", _stage(sources=SOURCES), sources=SOURCE_EDGE)
+
+
+def test_a_node_is_cut_as_it_is_told_and_chunks_of_two_kinds_do_not_mix() -> None:
+    dag = Dag()
+    for name in ("coarse", "fine"):
+        dag.add(name, _stage(sources=SOURCES), sources=SOURCE_EDGE)
+    chunked = replace(_stage(chunks=CHUNKS), outputs={"views": VIEWS}, shard="chunk")
+    dag.add("one", chunked, chunks="coarse.chunks")
+    dag.add(
+        "other", replace(chunked, inputs={"chunks": CHUNKS, "more": CHUNKS}), chunks="fine.chunks", more="coarse.chunks"
+    )
+    assert (dag.nodes["one"].chunk_edge, dag.nodes["other"].chunk_edge) == ("coarse.chunks", "fine.chunks")
+    mixed = replace(chunked, inputs={"chunks": CHUNKS, "views": VIEWS})
+    with pytest.raises(ValueError, match=r"node mixed is cut by coarse\.chunks, other by fine\.chunks"):
+        dag.add("mixed", mixed, chunks="coarse.chunks", views="other.views")
+    whole = replace(mixed, shard="sequence")
+    dag.add("whole", whole, chunks="coarse.chunks", views="other.views")

@@ -52,3 +52,13 @@ def test_asking_for_nothing_but_what_needs_truth_is_refused_without_it(toy: Any)
     with pytest.raises(UserError, match="sequence one comes without truth, which target=error needs"):
         possible_nodes(config, "one", {SOURCE_EDGE: [{}], TRUTH_EDGE: []})
     assert [node.name for node in possible_nodes(config, "one", {SOURCE_EDGE: [{}], TRUTH_EDGE: [{}]})][-1] == "error"
+
+
+def test_a_sequence_can_be_cut_in_two_ways_at_once(toy: Any) -> None:
+    toy.targets = ("both",)
+    statuses = toy.status(toy.run())
+    assert {"times one.00001", "times_finer one.00004", "both one"} <= set(statuses)
+    assert sum(name.startswith("times one") for name in statuses) == 2
+    assert sum(name.startswith("times_finer one") for name in statuses) == 5
+    assert set(statuses.values()) == {"done"}
+    assert set(toy.status(toy.run()).values()) == {"reused"}
