@@ -1,4 +1,4 @@
-"""The sheet of egocentric predictions: a row a crop, label and prediction where they are, the side view in the world."""
+"""The sheet of egocentric predictions: a row a crop, label and prediction where they are, the world from the side."""
 
 from fractions import Fraction
 from pathlib import Path
