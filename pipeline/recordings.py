@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Final
 
-from assemblyhands_core.data.digests import FileDigests, digest_json
+from assemblyhands_core.data.digests import FileDigests, digest_folder
 from assemblyhands_core.data.label_rows import FROM_FIRST_KEY
 from assemblyhands_core.data.layout import DatasetLayout
 from assemblyhands_core.data.packages import PackageError, fetch_package
@@ -36,7 +36,7 @@ class Recording:
         ego_calibration: poses of its headset's cameras, an AssemblyHands `ego_calib` file; None without headset.
         ego_videos: the headset's raw videos by camera name.
         ego_images: the list of its rectified pictures instead, an AssemblyHands `ego_data` file; None without any.
-        ego_image_folder: where the names in that list begin.
+        ego_image_folder: the folder of its pictures.
         actions: what is being done when, a fine-grained CSV file of Assembly101; None where nobody says.
         label_name: how keys of the labels count, see `label_rows.FROM_FIRST_KEY`.
         split: what it is for: train, val, test; empty where nobody says.
@@ -101,8 +101,7 @@ class Recording:
                 "role": role,
                 "name": name,
                 "source_file": str(path),
-                # What a folder holds its list says; where it is counts, as rows name the pictures in it.
-                "sha256": digest_json(str(path)) if path.is_dir() else digests(path),
+                "sha256": digests(path) if path.is_file() else digest_folder(path),
             }
             for role, name, path in files
         )
@@ -185,7 +184,8 @@ def from_release(row: ManifestRow, layout: DatasetLayout) -> Recording:
         label_name=FROM_FIRST_KEY,
         ego_calibration=ego if ego.is_file() else None,
         ego_images=images if images.is_file() else None,
-        ego_image_folder=layout.images,
+        ego_image_folder=layout.ego_images(split, name),
+        actions=_optional_file(Path(row["folder"]), row, "actions"),
         split=split,
     )
     if not (found.videos or found.ego_images or found.labels):

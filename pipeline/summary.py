@@ -123,7 +123,7 @@ def _of_round(rounds: pd.DataFrame) -> str:
 
 def print_weights(console: Console, run: Path) -> None:
     """Print where a training left its weights."""
-    for path in sorted(run.glob("*_weights/weights/*.parquet")):
+    for path in sorted(run.glob("*/weights/*.parquet")):
         for row in pq.read_table(path.resolve()).to_pylist():
             line = f"weights: {row['network']} in {path.resolve().parent / row['weights_file']}"
             console.print(line, markup=False, highlight=False, soft_wrap=True)

@@ -1,6 +1,7 @@
 """Hold egocentric predictions against the labels of their crops: wrist-relative, as the paper does (Sec. 4)."""
 
 import numpy as np
+import pyarrow.compute as pc
 
 from assemblyhands_core.data.arrays import to_numpy
 from assemblyhands_core.data.catalog import EGO_CROPS, EGO_ERRORS, EGO_HANDS
@@ -14,7 +15,8 @@ AUTOMATIC = "automatic"
 
 def run(config: StageConfig, inputs: Tables, context: Context) -> Tables:
     """Return a row for each crop of one sequence; predictions of all crops are given, in another order."""
-    crops, hands = inputs["crops"].filter(inputs["crops"]["valid"]), inputs["hands"]
+    crops, hands = inputs["crops"], inputs["hands"]
+    crops = crops.filter(pc.field("valid") & (pc.field("source") != ""))  # boxes may come without labels
     if not crops.num_rows:
         return {"errors": EGO_ERRORS.empty()}
     keys = [tuple(row.values()) for row in crops.select(EGO_CROPS.key).to_pylist()]

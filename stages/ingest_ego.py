@@ -11,8 +11,8 @@ from typing import Any
 
 from pydantic import Field
 
-from assemblyhands_core.data.assemblyhands import EgoCalibration, JointAnnotations, read_ego_calibration
-from assemblyhands_core.data.assemblyhands_images import read_ego_images
+from assemblyhands_core.data.assemblyhands import KEY_RATE_HZ, EgoCalibration, JointAnnotations, read_ego_calibration
+from assemblyhands_core.data.assemblyhands_images import image_root, read_ego_images
 from assemblyhands_core.data.blob_names import blob_name
 from assemblyhands_core.data.camera_rows import camera_to_row, missing_camera_row
 from assemblyhands_core.data.catalog import CHUNKS, EGO_BOXES, EGO_FRAMES, JOINTS, SOURCES, VIEWS
@@ -29,9 +29,10 @@ Row = Mapping[str, Any]
 
 
 class IngestEgoConfig(StageConfig):
-    """Parameters of cutting."""
+    """Parameters of cutting, and how keys count."""
 
     chunk_frames: int = Field(ge=1, le=100_000)
+    first_key: int | None = Field(ge=0)
 
 
 def run(config: IngestEgoConfig, inputs: Tables, context: Context) -> Tables:
@@ -43,7 +44,7 @@ def run(config: IngestEgoConfig, inputs: Tables, context: Context) -> Tables:
     sources = inputs["sources"].to_pylist()
     ego = _poses(_only(sources, "ego_calibration", context), context)
     is_release = any(row["role"] == "ego_images" for row in sources)
-    found = (_from_pictures if is_release else _from_videos)(sources, ego, context)
+    found = (_from_pictures if is_release else _from_videos)(config, sources, ego, context)
     name = {"sequence_id": context.sequence_id}
     views, frames, boxes = ([name | row for row in rows] for rows in (found["views"], found["frames"], found["boxes"]))
     num_frames = max((row["num_frames"] for row in views), default=0)
@@ -64,22 +65,26 @@ def _only(sources: Sequence[Row], role: str, context: Context) -> Path:
 
 
 def _poses(path: Path, context: Context) -> EgoCalibration:
-    recordings = read_ego_calibration(path)
+    recordings = read_ego_calibration(path, context.sequence_id)
     if context.sequence_id not in recordings:
         raise ValueError(f"{path} has no recording {context.sequence_id}: give the file of its split")
     return recordings[context.sequence_id]
 
 
-def _from_pictures(sources: Sequence[Row], ego: EgoCalibration, context: Context) -> dict[str, list[Any]]:
+def _from_pictures(
+    config: IngestEgoConfig, sources: Sequence[Row], ego: EgoCalibration, context: Context
+) -> dict[str, list[Any]]:
     """Return the rows of a recording of the release, whose frame 0 is the first one annotated."""
     listing = _only(sources, "ego_images", context)
-    images = [image for image in read_ego_images(listing) if image.recording == context.sequence_id]
+    images = read_ego_images(listing, context.sequence_id)
     if not images:
         raise ValueError(f"{listing} lists no picture of {context.sequence_id}: give the file of its split")
     labels = next((row for row in sources if row["role"] == "labels"), None)
     joints = read_recording(labels, context.sequence_id) if labels else None
-    first_key = first_key_of(labels, joints) if labels and joints else min(image.frame_60hz for image in images)
-    folder, segments = _only(sources, "ego_image_folder", context), _segments(sources, context)
+    if (first_key := config.first_key) is None:
+        first_key = first_key_of(labels, joints) if labels and joints else min(image.frame_60hz for image in images)
+    folder = image_root(_only(sources, "ego_image_folder", context))
+    segments = _segments(sources, context)
     pictures = ReleasePictures(images, folder, ego, first_key, segments)
     return {
         "views": list(pictures.view_rows()),
@@ -89,26 +94,29 @@ def _from_pictures(sources: Sequence[Row], ego: EgoCalibration, context: Context
     }
 
 
-def _from_videos(sources: Sequence[Row], ego: EgoCalibration, context: Context) -> dict[str, list[Any]]:
-    """Return the rows of a recording with raw videos, whose frame 0 has key 0."""
+def _from_videos(
+    config: IngestEgoConfig, sources: Sequence[Row], ego: EgoCalibration, context: Context
+) -> dict[str, list[Any]]:
+    """Return the rows of a recording with raw videos, whose frame 0 has key 0 unless told otherwise."""
     lenses = read_calibration(_only(sources, "calibration", context), "mm")
     videos = {ego_serial(row["name"]): row for row in sources if row["role"] == "ego_video"}
     views = [_view(name, lenses, videos.get(ego_serial(name)), context) for name in ego.camera_ids]
     usable, segments = [view for view in views if view["valid"]], _segments(sources, context)
     labels = next((row for row in sources if row["role"] == "labels"), None)
     joints = read_recording(labels, context.sequence_id) if labels and usable else None
+    first_key = config.first_key or 0
     return {
         "views": views,
-        "frames": [row for view in usable for row in pose_rows(view, ego, keys_per_frame(view["rate_hz"]), segments)],
+        "frames": [row for view in usable for row in pose_rows(view, ego, first_key, segments)],
         "boxes": [],
-        "joints": _joint_rows(labels, joints, 0, usable[0]["rate_hz"], context) if usable else [],
+        "joints": _joint_rows(labels, joints, first_key, usable[0]["rate_hz"], context) if usable else [],
     }
 
 
 def _segments(sources: Sequence[Row], context: Context) -> list[Segment]:
     files = [row["source_file"] for row in sources if row["role"] == "actions"]
     found = [segment for file in files for segment in read_fine_grained(Path(file)).segments]
-    return [segment for segment in found if segment.recording == context.sequence_id]
+    return [segment.at_rate(KEY_RATE_HZ) for segment in found if segment.recording == context.sequence_id]
 
 
 def _joint_rows(
@@ -167,7 +175,7 @@ def _link(camera_id: str, source: Row, context: Context) -> str:
 
 
 def _chunks(config: IngestEgoConfig, num_frames: int) -> Iterator[dict[str, Any]]:
-    for chunk, first in enumerate(range(0, num_frames, config.chunk_frames)):
+    for chunk, first in enumerate(range(0, max(num_frames, 1), config.chunk_frames)):  # one, if there is nothing
         yield {"chunk": chunk, "first_frame": first, "num_frames": min(config.chunk_frames, num_frames - first)}
 
 

@@ -72,6 +72,7 @@ def _crop(
     if region is None:
         return _hole(box) | {"reason": OUTSIDE_VIEW}
     pixels, own = region.camera.project(hands.joints_world_mm), HANDS.index(hand)
+    is_known = view.known_joints(frame, hands)
     in_camera = np.where(hands.is_known[..., None], region.camera.to_camera(hands.joints_world_mm), np.nan)
     other = rectified.project(hands.joints_world_mm[1 - own])
     return {
@@ -80,8 +81,8 @@ def _crop(
         "joints_camera_mm": in_camera.ravel(),
         "joints_wrist_relative_mm": relative_to_wrist(in_camera.reshape(1, NUM_BOTH, 3)).ravel(),
         "joints_px": pixels.ravel(),
-        "is_labelled": (hands.is_known & region.camera.contains(pixels)).ravel(),
-        "identity": identity_of(box, hand, other, hands.is_known[1 - own], config.rule()),
+        "is_labelled": (is_known & region.camera.contains(pixels)).ravel(),
+        "identity": identity_of(box, hand, other, is_known[1 - own], config.rule()),
         "num_in_image": box.num_in_image,
         "border_px": box.border_px,
         "verb": view.verbs.get(frame, ""),

@@ -60,7 +60,7 @@ def run(config: TrainSvegonetConfig, inputs: Tables, context: Context) -> Tables
         start_from_imagenet(network.encoder)
     task = ego_task(network, *_data_sets(config, inputs))
     start = config.start_from or ("ImageNet" if config.from_imagenet else "random")
-    return fitted(network, task, config, context, {"start": start, "labels": " and ".join(_kinds(inputs))}, "mm")
+    return fitted(network, task, config, context, {"start": start, "labels": " and ".join(_found(inputs))}, "mm")
 
 
 def _data_sets(config: TrainSvegonetConfig, inputs: Tables) -> tuple[EgoCrops, EgoCrops]:
@@ -92,12 +92,17 @@ def _kinds(inputs: Tables) -> list[str]:
     return [kind for kind in _LABELS if kind in inputs]
 
 
+def _found(inputs: Tables) -> list[str]:
+    """Return the kinds of labels of which there are any."""
+    return [kind for kind in _kinds(inputs) if inputs[kind].num_rows]
+
+
 def _by_label(inputs: Tables, splits: Mapping[str, tuple[str, ...]]) -> list[pa.Table]:
     """Return the crops of each kind of labels, of the sequences that are for it."""
     split_of = {row["sequence_id"]: row["split"] for row in inputs["members"].to_pylist()}
     tables = [EGO_CROPS.empty()]
     for kind in _kinds(inputs):
-        split = next((name for name in splits[kind] if name in split_of.values()), "")
+        split = next((name for name in splits[kind] if name in split_of.values()), None)
         names = pa.array([name for name in split_of if split_of[name] == split], pa.string())
         tables.append(inputs[kind].filter(pc.is_in(inputs[kind]["sequence_id"], value_set=names)))
     return tables

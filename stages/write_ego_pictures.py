@@ -8,6 +8,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 from pydantic import Field
 
 from assemblyhands_core.data.blob_names import blob_name
@@ -23,6 +24,7 @@ from assemblyhands_core.hands.joints import HANDS, NUM_JOINTS
 from stages._contract import Context, Stage, StageConfig, Tables
 
 Row = dict[str, Any]
+Flags = npt.NDArray[np.bool_]
 
 
 class WriteEgoPicturesConfig(StageConfig):
@@ -53,7 +55,8 @@ def _rows(
     for frame, picture in view.pictures(wanted, context.num_threads):
         if not isinstance(picture, str) and frame in wanted:
             file = _written(remap(picture, *maps), f"{view.camera_id}-{frame:06d}", config.jpeg_quality, context)
-            yield {**file, **_labels(view.camera_at(frame), hands[frame], boxes[frame]), "frame": frame}
+            known = view.known_joints(frame, hands[frame])
+            yield {**file, **_labels(view.camera_at(frame), hands[frame], known, boxes[frame]), "frame": frame}
 
 
 def _written(picture: ImageRGB, name: str, quality: int, context: Context) -> Row:
@@ -62,19 +65,19 @@ def _written(picture: ImageRGB, name: str, quality: int, context: Context) -> Ro
     return {"picture_file": path.name, "sha256": digest_file(path)}
 
 
-def _labels(camera: Camera, hands: EgoHands, boxes: list[EgoBox]) -> Row:
+def _labels(camera: Camera, hands: EgoHands, is_known: Flags, boxes: list[EgoBox]) -> Row:
     """Return camera, joints and the tight boxes of the hands that count."""
     pixels, size_px = camera.project(hands.joints_world_mm), np.array([camera.width_px, camera.height_px])
     tight = np.full((len(HANDS), 4), np.nan)
     for index, box in enumerate(boxes):
-        if not box.reason and hands.is_known[index].any():
-            shown = np.clip(pixels[index][hands.is_known[index]], 0.0, size_px - 1.0)
+        if not box.reason and is_known[index].any():
+            shown = np.clip(pixels[index][is_known[index]], 0.0, size_px - 1.0)
             tight[index] = [*shown.min(axis=0), *shown.max(axis=0)]
     return {
         "camera_id": camera.camera_id,
         **camera_to_row(camera),
         "joints_px": pixels.ravel(),
-        "is_labelled": (hands.is_known & camera.contains(pixels)).ravel(),
+        "is_labelled": (is_known & camera.contains(pixels)).ravel(),
         "box_px": tight.ravel(),
     }
 

@@ -80,7 +80,7 @@ def write_headset(folder: Path, rig: Rig, joints: np.ndarray) -> pa.Table:
 def ingested(sources: pa.Table, folder: Path) -> dict[str, pa.Table]:
     """Return what the stages that crop the headset's pictures read, but for joints."""
     context = Context(folder, RECORDING)
-    found = dict(INGEST_EGO.run(IngestEgoConfig(chunk_frames=3), {"sources": sources}, context))
+    found = dict(INGEST_EGO.run(IngestEgoConfig(chunk_frames=3, first_key=None), {"sources": sources}, context))
     rows = found["views"].to_pylist()
     for row in rows:
         row["video_file"] = str(context.blob_dir / row["video_file"]) if row["video_file"] else ""

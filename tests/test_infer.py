@@ -1,4 +1,4 @@
-"""The few-line interface gives what the pipeline's stage gives for the same crop."""
+"""The few-line interface gives what the network gives for the same crop, in the picture's own pixels and in mm."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -12,6 +12,7 @@ from assemblyhands_core.geometry.distortion import OVFishEye62
 from assemblyhands_core.hands.joints import WRIST
 from assemblyhands_core.hands.kinematics import HandSkeleton, bone_lengths_mm
 from assemblyhands_core.infer import HandPredictor
+from assemblyhands_core.models.ego_prediction import predict_hands
 from assemblyhands_core.models.pretrained import save_weights
 from assemblyhands_core.models.svegonet import SVEgoNet, SVEgoNetConfig
 
@@ -36,6 +37,19 @@ def test_joints_project_to_their_pixels_at_the_wrists_depth(predictor: HandPredi
     assert (np.abs(found.joints_px - center) <= side / 2 + 1.0).all() and np.ptp(found.joints_px) > 5.0
     other = predictor.predict(picture(hands(0)), CAMERA, BOX, "left", wrist_depth_mm=350.0)
     assert found.identity == other.identity and not np.allclose(found.joints_px, other.joints_px)
+
+
+def test_it_sees_what_the_pipeline_sees_in_the_same_crop(predictor: HandPredictor) -> None:
+    """A box whose square is the middle of the picture, of the network's own size: no pixel is sampled anew."""
+    image, half = picture(hands(0)), 32.0
+    side = 2 * half / 1.75
+    box = (47.5 - side / 2, 47.5 - side / 2, 47.5 + side / 2, 47.5 + side / 2)
+    found = predictor.predict(image, CAMERA, box, "right", wrist_depth_mm=350.0)
+    crop = np.ascontiguousarray(image[16:80, 16:80])
+    seen = predict_hands(predictor._network, [crop], ["right"], batch_size=1, num_threads=1)
+    np.testing.assert_allclose(found.joints_px, seen.pixels[0] + 16.0, rtol=0, atol=1e-3)
+    np.testing.assert_allclose(found.depth_mm, seen.depth_mm[0], rtol=0, atol=1e-3)
+    np.testing.assert_allclose(found.confidence, seen.confidence[0], rtol=0, atol=1e-5)
 
 
 def test_without_a_depth_the_hand_has_a_mean_hands_size(predictor: HandPredictor) -> None:

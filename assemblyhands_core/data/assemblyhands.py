@@ -15,7 +15,15 @@ import numpy as np
 from jaxtyping import Bool, Float64, Int64
 
 from assemblyhands_core.data.camera_matrices import checked_intrinsics, checked_pose, pinhole_camera
-from assemblyhands_core.data.json_files import FormatError, json_object, member, numbers, read_json_object, write_json
+from assemblyhands_core.data.json_files import (
+    FormatError,
+    counted_problems,
+    json_object,
+    member,
+    numbers,
+    read_json_object,
+    write_json,
+)
 from assemblyhands_core.data.names import checked_component, ego_calibration_name
 from assemblyhands_core.geometry.cameras import Camera
 from assemblyhands_core.hands.joints import HANDS, NUM_BOTH, NUM_JOINTS
@@ -120,8 +128,8 @@ def write_joint_annotations(path: Path, recordings: Mapping[str, JointAnnotation
     write_json(path, {"info": {"unit": "mm", "rate_hz": KEY_RATE_HZ}, "annotations": annotations})
 
 
-def read_joint_annotations(path: Path) -> dict[str, JointAnnotations]:
-    """Read a `joint_3d` file.
+def read_joint_annotations(path: Path, recording: str | None = None) -> dict[str, JointAnnotations]:
+    """Read a `joint_3d` file, all recordings or one.
 
     Returns:
         By recording; `joint_valid` may be flat or a column, any number above 0 means valid.
@@ -133,6 +141,7 @@ def read_joint_annotations(path: Path) -> dict[str, JointAnnotations]:
     return {
         checked_component(name, f"{path}: a recording"): _read_joints(frames, f"{path}: {name}")
         for name, frames in recordings.items()
+        if recording in (None, name)
     }
 
 
@@ -141,8 +150,8 @@ def write_ego_calibration(path: Path, recordings: Mapping[str, EgoCalibration]) 
     write_json(path, {"calibration": {name: _calibration_block(ego) for name, ego in recordings.items()}})
 
 
-def read_ego_calibration(path: Path) -> dict[str, EgoCalibration]:
-    """Read an `ego_calib` file; by recording, cameras in the order of its intrinsics.
+def read_ego_calibration(path: Path, recording: str | None = None) -> dict[str, EgoCalibration]:
+    """Read an `ego_calib` file, all recordings or one; by recording, cameras in the order of its intrinsics.
 
     Raises:
         FormatError: File, recording, frame or camera are not as they should be; the message says which and why.
@@ -151,6 +160,7 @@ def read_ego_calibration(path: Path) -> dict[str, EgoCalibration]:
     return {
         checked_component(name, f"{path}: a recording"): _read_ego(json_object(block, where), where)
         for name, block in recordings.items()
+        if recording in (None, name)
         for where in [f"{path}: {name}"]
     }
 
@@ -179,19 +189,26 @@ def _read_joints(blocks: object, where: str) -> JointAnnotations:
     frames = _by_frame(blocks, where)
     world = np.full((len(frames), len(HANDS), NUM_JOINTS, 3), np.nan)
     is_valid = np.zeros(world.shape[:-1], dtype=bool)
-    for index, (frame, value) in enumerate(frames.items()):
-        place = f"{where}, frame {frame_key(frame)}"
-        block = json_object(value, place)
-        flags = _flags(member(block, "joint_valid", place), f"{place}, joint_valid")
-        joints = numbers(member(block, "world_coord", place), (NUM_BOTH, 3), f"{place}, world_coord", is_finite=False)
-        if not np.isfinite(joints[flags]).all():
-            raise FormatError(f"{place}, world_coord: a valid joint is not finite; correct it or mark it invalid.")
-        world[index].reshape(-1, 3)[flags] = joints[flags]
-        is_valid[index] = flags.reshape(is_valid.shape[1:])
+    with counted_problems() as problems:
+        for index, (frame, value) in enumerate(frames.items()):
+            with problems.noted():
+                joints, flags = _read_frame(value, f"{where}, frame {frame_key(frame)}")
+                world[index].reshape(-1, 3)[flags] = joints[flags]
+                is_valid[index] = flags.reshape(is_valid.shape[1:])
     return JointAnnotations(np.array(list(frames), dtype=np.int64), world, is_valid)
 
 
-def _flags(value: object, where: str) -> Bool[np.ndarray, "joint=42"]:
+def _read_frame(value: object, place: str) -> tuple[Float64[np.ndarray, "joint=42 3"], Bool[np.ndarray, "joint=42"]]:
+    block = json_object(value, place)
+    flags = joint_flags(member(block, "joint_valid", place), f"{place}, joint_valid")
+    joints = numbers(member(block, "world_coord", place), (NUM_BOTH, 3), f"{place}, world_coord", is_finite=False)
+    if not np.isfinite(joints[flags]).all():
+        raise FormatError(f"{place}, world_coord: a valid joint is not finite; correct it or mark it invalid.")
+    return joints, flags
+
+
+def joint_flags(value: object, where: str) -> Bool[np.ndarray, "joint=42"]:
+    """Return which joints are valid: 42 numbers or flags, flat or in a column; above 0 means valid."""
     is_column = isinstance(value, list) and len(value) == NUM_BOTH and isinstance(value[0], list)
     if isinstance(value, list) and all(isinstance(flag, bool) for flag in value):
         value = [int(flag) for flag in value]
@@ -217,13 +234,15 @@ def _read_ego(block: Mapping[str, Any], where: str) -> EgoCalibration:
         matrices[index] = checked_intrinsics(numbers(value, (3, 3), place), place)
     frames = _by_frame(member(block, "extrinsics", where), f"{where}, extrinsics")
     poses = np.full((len(frames), len(camera_ids), 4, 4), np.nan)
-    for index, (frame, cameras) in enumerate(frames.items()):
-        place = f"{where}, extrinsics of frame {frame_key(frame)}"
-        for name, value in json_object(cameras, place).items():
-            if name not in camera_ids:
-                raise FormatError(f"{place}: camera {name!r} has no intrinsics; get the file again.")
-            there = f"{place}, camera {name}"
-            poses[index, camera_ids.index(name)] = checked_pose(numbers(value, (3, 4), there), there)
+    with counted_problems() as problems:
+        for index, (frame, cameras) in enumerate(frames.items()):
+            place = f"{where}, extrinsics of frame {frame_key(frame)}"
+            for name, value in json_object(cameras, place).items():
+                with problems.noted():
+                    if name not in camera_ids:
+                        raise FormatError(f"{place}: camera {name!r} has no intrinsics; get the file again.")
+                    there = f"{place}, camera {name}"
+                    poses[index, camera_ids.index(name)] = checked_pose(numbers(value, (3, 4), there), there)
     return EgoCalibration(camera_ids, matrices, np.array(list(frames), dtype=np.int64), poses)
 
 

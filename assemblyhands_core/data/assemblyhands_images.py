@@ -12,9 +12,10 @@ from typing import Any, Final
 import numpy as np
 from jaxtyping import Bool
 
-from assemblyhands_core.data.assemblyhands import KEY_RATE_HZ, frame_key
+from assemblyhands_core.data.assemblyhands import KEY_RATE_HZ, frame_key, joint_flags
 from assemblyhands_core.data.json_files import (
     FormatError,
+    counted_problems,
     json_list,
     json_object,
     member,
@@ -69,8 +70,13 @@ def write_ego_images(path: Path, images: Sequence[EgoImage]) -> None:
     write_json(path, document)
 
 
-def read_ego_images(path: Path) -> list[EgoImage]:
-    """Read an `ego_data` file, in the order of its images.
+def image_root(recording_folder: Path) -> Path:
+    """Return the folder in which file names begin, of the folder of a recording's pictures."""
+    return recording_folder.parents[2]
+
+
+def read_ego_images(path: Path, recording: str | None = None) -> list[EgoImage]:
+    """Read an `ego_data` file, all recordings or one, in the order of its images.
 
     Returns:
         Images without annotation have no box and no valid joint.
@@ -88,7 +94,13 @@ def read_ego_images(path: Path) -> list[EgoImage]:
             raise FormatError(f"{where}: the id {identity} is an earlier image's; get the file again.")
         blocks[identity] = block
     annotations = _annotations(document, set(blocks), path)
-    return [_read_image(block, annotations.get(number), f"{path}: image {number}") for number, block in blocks.items()]
+    images: list[EgoImage] = []
+    with counted_problems() as problems:
+        for number, block in blocks.items():
+            if recording in (None, block.get("seq_name")):
+                with problems.noted():
+                    images.append(_read_image(block, annotations.get(number), f"{path}: image {number}"))
+    return images
 
 
 def _image_block(number: int, image: EgoImage) -> dict[str, Any]:
@@ -156,5 +168,4 @@ def _boxes(value: object, where: str) -> dict[Hand, Box]:
 
 
 def _valid(value: object, where: str) -> Bool[np.ndarray, "hand=2 joint=21"]:
-    flags = numbers(value, (len(HANDS) * NUM_JOINTS,), f"{where}, joint_valid")
-    return np.asarray(flags.reshape(len(HANDS), NUM_JOINTS) > 0)
+    return np.asarray(joint_flags(value, f"{where}, joint_valid").reshape(len(HANDS), NUM_JOINTS))

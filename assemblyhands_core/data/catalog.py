@@ -207,6 +207,7 @@ EGO_FRAMES: Final = TableSpec(
             ("camera_id", _TEXT),
             ("T_camera_from_world", _each(pa.float64(), 16)),  # 4x4 by rows, mm: the headset moves
             ("image_file", _TEXT),  # a picture of its own; empty where the camera's video has it
+            ("image_bytes", pa.int64()),  # its size, so that another picture is another row; -1 without any
             ("verb", _TEXT),  # what is being done, if known
             *_OUTCOME,
         ]
@@ -216,7 +217,13 @@ EGO_BOXES: Final = TableSpec(
     "ego_boxes",
     1,
     ("sequence_id", "frame", "hand", "camera_id"),
-    pa.schema([*_HAND_VIEW, ("box_px", _each(pa.float64(), 4))]),  # left, top, right, bottom in the rectified picture
+    pa.schema(
+        [
+            *_HAND_VIEW,
+            ("box_px", _each(pa.float64(), 4)),  # left, top, right, bottom in the rectified picture
+            ("is_valid", _each(_FLAG, NUM_JOINTS)),  # which of the hand's joints count in this picture
+        ]
+    ),
 )
 EGO_CROPS: Final = TableSpec(
     "ego_crops",

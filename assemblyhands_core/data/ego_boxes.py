@@ -17,6 +17,10 @@ TOO_FEW_JOINTS: Final = "too_few_joints"
 NEAR_BORDER: Final = "near_border"
 NO_BOX: Final = "no_box"
 
+MIN_GIVEN_JOINTS: Final = 10
+MIN_GIVEN_SIDE_PX: Final = 100.0
+"""Of hands that come with a box: what the toolkit asks for (formats 2.1, 2.7)."""
+
 Identity = Literal["right", "left", "both"]
 IDENTITIES: Final[tuple[Identity, ...]] = ("right", "left", "both")
 """What a crop can show."""
@@ -95,20 +99,24 @@ def given_box(
     size_px: tuple[int, int],
     rule: EgoRule,
 ) -> EgoBox:
-    """Return the box of a hand around a rectangle that comes with the picture, as the toolkit makes it (formats 2.7).
+    """Return the box of a hand around a rectangle that comes with the picture, as the toolkit does (formats 2.7).
+
+    A hand with some valid joints, but fewer than `MIN_GIVEN_JOINTS`, is left out; one without any is to be predicted.
 
     Args:
         box_px: Left, top, right, bottom.
         joints_px: The hand's projected joints, which tell how near the border it is; NaN where unknown.
         is_known: Which joints are annotated; none in pictures of a test.
         size_px: Width and height of the picture.
-        rule: γ; nothing is left out.
+        rule: γ.
     """
     corners = box_px.reshape(2, 2)
     shown = joints_px[is_known] if is_known.any() else corners
     border_px = np.minimum(shown + 0.5, np.array(size_px) - 0.5 - shown).min(axis=-1)
     num_in_image = int((border_px >= 0).sum()) if is_known.any() else 0
-    side_px = rule.gamma * float((corners[1] - corners[0]).max())
+    if 0 < is_known.sum() < MIN_GIVEN_JOINTS:
+        return EgoBox(np.full(2, np.nan), float("nan"), num_in_image, float(border_px.min()), TOO_FEW_JOINTS)
+    side_px = max(rule.gamma * float((corners[1] - corners[0]).max()), MIN_GIVEN_SIDE_PX)
     return EgoBox(corners.mean(axis=0), side_px, num_in_image, float(border_px.min()), "")
 
 

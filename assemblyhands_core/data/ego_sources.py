@@ -16,7 +16,9 @@ from assemblyhands_core.data.assemblyhands_images import EgoImage
 from assemblyhands_core.data.camera_matrices import pinhole_camera
 from assemblyhands_core.data.camera_rows import camera_to_row, missing_camera_row
 from assemblyhands_core.data.fine_grained import Segment, verb_at
+from assemblyhands_core.data.label_rows import keys_per_frame
 from assemblyhands_core.data.names import ego_video_name
+from assemblyhands_core.hands.joints import HANDS
 
 RELEASE_RATE_HZ = 30.0
 
@@ -32,7 +34,7 @@ class ReleasePictures:
         folder: Where their file names begin.
         ego: Its cameras and their poses.
         first_key: Of frame 0.
-        segments: What is being done when, of this recording; empty if nobody says.
+        segments: What is being done when, of this recording and at 60 Hz; empty if nobody says.
     """
 
     images: Sequence[EgoImage]
@@ -54,7 +56,7 @@ class ReleasePictures:
                 "camera_id": name,
                 "video_file": "",
                 "video_sha256": "",
-                "num_frames": max((self._frame(image) + 1 for image in images), default=0),
+                "num_frames": max((self._frame(image) + 1 for image in images if self._is_frame(image)), default=0),
                 "rate_hz": RELEASE_RATE_HZ,
                 "image_fit": "" if reason else "same",
                 "note": note,
@@ -64,29 +66,29 @@ class ReleasePictures:
             }
 
     def frame_rows(self) -> Iterator[Row]:
-        """Yield a row of `catalog.EGO_FRAMES`, but for the sequence, for each picture."""
+        """Yield a row of `catalog.EGO_FRAMES`, but for the sequence, for each picture that is at a frame."""
         unknown = np.full(16, np.nan)
         verbs = {key: verb_at(self.segments, key) for key in {image.frame_60hz for image in self.images}}
-        for image in self.images:
-            name = ego_video_name(image.camera_id)
+        for image in filter(self._is_frame, self.images):
+            name, file = ego_video_name(image.camera_id), self.folder / image.file_name
             pose = self.ego.poses_at(image.frame_60hz).get(name)
-            reason = "" if self._is_frame(image) else "no_frame"
             yield {
                 "frame": self._frame(image),
                 "camera_id": name,
                 "T_camera_from_world": unknown if pose is None else pose.ravel(),
-                "image_file": str(self.folder / image.file_name),
+                "image_file": str(file),
+                "image_bytes": file.stat().st_size if file.is_file() else -1,
                 "verb": verbs[image.frame_60hz],
-                "valid": pose is not None and not reason,
-                "reason": reason or ("no_pose" if pose is None else ""),
+                "valid": pose is not None,
+                "reason": "no_pose" if pose is None else "",
             }
 
     def box_rows(self) -> Iterator[Row]:
         """Yield a row of `catalog.EGO_BOXES`, but for the sequence, for each hand's box in each picture."""
-        for image in self.images:
+        for image in filter(self._is_frame, self.images):
             for hand, box in image.box_px.items():
                 place = {"frame": self._frame(image), "hand": hand, "camera_id": ego_video_name(image.camera_id)}
-                yield {**place, "box_px": np.array(box)}
+                yield {**place, "box_px": np.array(box), "is_valid": image.is_valid[HANDS.index(hand)]}
 
     def _judged(self, name: str, images: Sequence[EgoImage]) -> tuple[str, str]:
         if name not in self.ego.camera_ids:
@@ -94,8 +96,14 @@ class ReleasePictures:
         if not images:
             return "no_images", "no picture is listed"
         sizes = sorted({image.size_px for image in images})
-        listed = ", ".join(f"{width}×{height} px" for width, height in sizes)
-        return ("image_size_mismatch", f"its pictures are of several sizes: {listed}") if len(sizes) > 1 else ("", "")
+        if len(sizes) > 1:
+            listed = ", ".join(f"{width}×{height} px" for width, height in sizes)
+            return "image_size_mismatch", f"its pictures are of several sizes: {listed}"
+        num_odd = sum(not self._is_frame(image) for image in images)
+        return (
+            "",
+            f"{num_odd} pictures are before key {self.first_key} or between frames, and left out" if num_odd else "",
+        )
 
     def _frame(self, image: EgoImage) -> int:
         return (image.frame_60hz - self.first_key) // KEYS_PER_VIDEO_FRAME
@@ -106,25 +114,27 @@ class ReleasePictures:
 
 
 def pose_rows(
-    view: Mapping[str, Any], ego: EgoCalibration, step: int, segments: Sequence[Segment] = ()
+    view: Mapping[str, Any], ego: EgoCalibration, first_key: int, segments: Sequence[Segment] = ()
 ) -> Iterator[Row]:
     """Yield a row of `catalog.EGO_FRAMES`, but for the sequence, for each frame of a camera's video.
 
     Args:
         view: Row of `catalog.VIEWS`.
-        ego: The recording's poses; key 0 is the first frame.
-        step: Keys between frames.
-        segments: What is being done when.
+        ego: The recording's poses.
+        first_key: 60 Hz key of frame 0.
+        segments: What is being done when, at 60 Hz.
     """
-    unknown = np.full(16, np.nan)
+    unknown, step = np.full(16, np.nan), keys_per_frame(view["rate_hz"])
     for frame in range(view["num_frames"]):
-        pose = ego.poses_at(step * frame).get(view["camera_id"])
+        key = first_key + step * frame
+        pose = ego.poses_at(key).get(view["camera_id"])
         yield {
             "frame": frame,
             "camera_id": view["camera_id"],
             "T_camera_from_world": unknown if pose is None else pose.ravel(),
             "image_file": "",
-            "verb": verb_at(segments, step * frame),
+            "image_bytes": -1,
+            "verb": verb_at(segments, key),
             "valid": pose is not None,
             "reason": "" if pose is not None else "no_pose",
         }

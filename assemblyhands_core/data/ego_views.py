@@ -53,7 +53,7 @@ class EgoView:
         grid: Where its pixels lie in the raw pictures.
         poses: frame → T_camera_from_world.
         verbs: frame → what is being done, if known.
-        boxes: frame → hand → left, top, right, bottom that came with the picture.
+        boxes: frame → hand → left, top, right, bottom that came with the picture, and which joints count in it.
     """
 
     camera_id: str
@@ -63,7 +63,7 @@ class EgoView:
     grid: RemapGrid
     poses: Mapping[int, Float[np.ndarray, "4 4"]]
     verbs: Mapping[int, str]
-    boxes: Mapping[int, Mapping[str, Float[np.ndarray, "4"]]]
+    boxes: Mapping[int, Mapping[str, tuple[Float[np.ndarray, "4"], Bool[np.ndarray, "21"]]]]
 
     def camera_at(self, frame: int) -> Camera:
         """Return the rectified camera where it is at a frame that has a pose."""
@@ -72,20 +72,26 @@ class EgoView:
     def hand_boxes(self, frame: int, hands: EgoHands, rule: EgoRule) -> list[EgoBox]:
         """Return the box of each hand at a frame, right hand first, or why there is none.
 
-        A picture that comes with boxes has those, any other what encloses the projected joints.
+        A picture of its own has the boxes that came with it, a video's what encloses the projected joints.
         """
         if frame not in self.poses:
             return [no_box(NO_POSE)] * len(HANDS)
         camera = self.camera_at(frame)
         size_px = (camera.width_px, camera.height_px)
-        pixels, is_known = camera.project(hands.joints_world_mm), hands.is_known
-        if frame not in self.boxes:
+        pixels, is_known = camera.project(hands.joints_world_mm), self.known_joints(frame, hands)
+        if frame not in self.image_files:
             return [ego_box(px, known, size_px, rule) for px, known in zip(pixels, is_known, strict=True)]
-        given = [self.boxes[frame].get(hand) for hand in HANDS]
+        given = [self.boxes.get(frame, {}).get(hand) for hand in HANDS]
         return [
-            no_box(NO_BOX) if box is None else given_box(box, px, known, size_px, rule)
+            no_box(NO_BOX) if box is None else given_box(box[0], px, known, size_px, rule)
             for box, px, known in zip(given, pixels, is_known, strict=True)
         ]
+
+    def known_joints(self, frame: int, hands: EgoHands) -> Bool[np.ndarray, "hand=2 joint=21"]:
+        """Return which joints are annotated and, where the picture says so, count in it."""
+        given = [self.boxes.get(frame, {}).get(hand) for hand in HANDS]
+        counted = [np.ones(NUM_JOINTS, dtype=bool) if box is None else box[1] for box in given]
+        return np.asarray(hands.is_known & np.stack(counted))
 
     def pictures(self, frames: Sequence[int], num_threads: int) -> Iterator[tuple[int, ImageRGB | str]]:
         """Yield raw pictures of ascending frames, or the reason why there is none; what a video lacks is left out."""
@@ -151,5 +157,5 @@ def _view(video_file: str, rectified: Mapping[str, Any], frames: pa.Table, boxes
 def _by_frame(rows: Iterable[Mapping[str, Any]]) -> dict[int, dict[str, Any]]:
     given: dict[int, dict[str, Any]] = {}
     for row in rows:
-        given.setdefault(row["frame"], {})[row["hand"]] = np.array(row["box_px"])
+        given.setdefault(row["frame"], {})[row["hand"]] = np.array(row["box_px"]), np.array(row["is_valid"])
     return given

@@ -176,8 +176,8 @@ def read_fine_grained(path: Path) -> FineGrained:
 
 
 def verb_at(segments: Iterable[Segment], key_60hz: int) -> str:
-    """Return the verb of the segment, of one recording, that covers an instant and began last; empty if none does."""
-    covering = [s for s in (s.at_rate(60) for s in segments) if s.start_frame <= key_60hz <= s.end_frame and s.action]
+    """Return the verb of the segment, counted at 60 Hz, that covers an instant and began last; empty if none does."""
+    covering = [s for s in segments if s.start_frame <= key_60hz <= s.end_frame and s.action]
     latest = max(covering, key=lambda segment: segment.start_frame, default=None)
     return latest.action.verb if latest is not None and latest.action is not None else ""
 

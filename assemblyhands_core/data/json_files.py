@@ -1,7 +1,8 @@
 """JSON files from elsewhere: read with suspicion, every refusal one sentence with file, place, reason and remedy."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,35 @@ MAX_JSON_BYTES = 4 * 2**30
 
 class FormatError(ValueError):
     """A file does not keep to its format; the message names file, place, reason and remedy."""
+
+
+class Problems:
+    """What is wrong with the entries of a file, gathered to be told together."""
+
+    def __init__(self) -> None:
+        self.sentences: list[str] = []
+
+    @contextmanager
+    def noted(self) -> Iterator[None]:
+        """Note a `FormatError` of one entry and go on with the next."""
+        try:
+            yield
+        except FormatError as error:
+            self.sentences.append(str(error))
+
+
+@contextmanager
+def counted_problems() -> Iterator[Problems]:
+    """Raise what was noted as one `FormatError`: the first sentence, and how many entries are wrong.
+
+    Raises:
+        FormatError: Anything was noted.
+    """
+    problems = Problems()
+    yield problems
+    if problems.sentences:
+        count = len(problems.sentences)
+        raise FormatError(problems.sentences[0] + (f" {count} entries in all are wrong." if count > 1 else ""))
 
 
 def read_json_object(path: Path, max_bytes: int = MAX_JSON_BYTES) -> dict[str, Any]:

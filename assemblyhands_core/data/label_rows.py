@@ -42,7 +42,7 @@ def read_recording(source: Mapping[str, Any], sequence_id: str) -> JointAnnotati
         ValueError: The file lacks it.
         FormatError: The file is not as it should be.
     """
-    recordings = read_joint_annotations(Path(source["source_file"]))
+    recordings = read_joint_annotations(Path(source["source_file"]), sequence_id)
     if sequence_id not in recordings:
         raise ValueError(f"{source['source_file']} has no recording {sequence_id}: give the file of its split")
     return recordings[sequence_id]
@@ -72,7 +72,7 @@ def label_rows(
     if odd:
         raise ValueError(
             f"{name}: key {odd[0]} is no frame of videos that begin with key {first_key} and show every {step}. one, "
-            f"like {len(odd)} keys in all; set read_labels.first_key"
+            f"like {len(odd)} keys in all; set read_labels.first_key and ingest_ego.first_key"
         )
     frames = [(int(key) - first_key) // step for key in joints.frames_60hz]
     return [{"sequence_id": sequence_id, **row} for row in _rows(joints, frames)]

@@ -34,14 +34,21 @@ class DatasetLayout:
         return self.root / "recordings" / recording / f"{camera_id}.mp4"
 
     def annotations(self, split: str, kind: AnnotationKind) -> Path:
-        """Return an AssemblyHands annotation file of a split."""
+        """Return an AssemblyHands annotation file of a split: that of v1-1, or the only one of another version."""
         split = checked_component(split, "a split")
-        return self.root / "annotations" / split / f"assemblyhands_{split}_{kind}_{_RELEASE}.json"
+        path = self.root / "annotations" / split / f"assemblyhands_{split}_{kind}_{_RELEASE}.json"
+        others = sorted(path.parent.glob(f"assemblyhands_{split}_{kind}_*.json"))
+        return others[0] if len(others) == 1 else path
 
     @property
     def images(self) -> Path:
         """The folder in which the names of `ego_data` begin."""
         return self.root / "images"
+
+    def ego_images(self, split: str, recording: str) -> Path:
+        """Return the folder of a recording's rectified egocentric pictures."""
+        split, recording = checked_component(split, "a split"), checked_component(recording, "a recording")
+        return self.images / "ego_images_rectified" / split / recording
 
     @property
     def skeleton(self) -> Path:

@@ -14,7 +14,7 @@ from assemblyhands_core.data.arrays import to_numpy
 from assemblyhands_core.hands.joints import HANDS, NUM_BOTH, NUM_JOINTS
 from assemblyhands_core.metrics.annotation import Cell, Quantity, Resampling, make_cell, masked
 from assemblyhands_core.metrics.bootstrap import block_sums, draw_weights, mean_interval
-from assemblyhands_core.metrics.keypoints import pck_auc_shares
+from assemblyhands_core.metrics.keypoints import coverage_percent, mean_of_joint_means, pck_auc_shares
 
 TABLE: Final = "ego"
 BOTH: Final = "both"
@@ -64,11 +64,10 @@ def _toolkit_cell(labels: str, errors: pa.Table) -> Cell:
     for index, hand in enumerate(HANDS):
         is_hand = to_numpy(errors["hand"]) == hand
         both[is_hand, NUM_JOINTS * index : NUM_JOINTS * (index + 1)] = error_mm[is_hand]
-    means = [joint[np.isfinite(joint)].mean() for joint in both.T if np.isfinite(joint).any()]
     labelled = to_numpy(errors["is_labelled"]).astype(bool)
     found = int((labelled & np.isfinite(error_mm)).sum())
-    value, coverage = float(np.mean(means)) if means else np.nan, 100.0 * found / max(int(labelled.sum()), 1)
-    return Cell(TABLE, "", labels, "toolkit_mpjpe_mm", value, np.nan, np.nan, found, coverage)
+    coverage = coverage_percent(error_mm, labelled)
+    return Cell(TABLE, "", labels, "toolkit_mpjpe_mm", mean_of_joint_means(both), np.nan, np.nan, found, coverage)
 
 
 def _quantities(errors: pa.Table) -> dict[str, Quantity]:

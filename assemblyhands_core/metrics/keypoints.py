@@ -77,8 +77,14 @@ def mean_of_joint_means_mm(
     It differs from the pooled `mpjpe_mm` where joints are found unequally often. Joints never found do not enter.
     """
     error_mm = joint_errors_mm(predicted, true, valid)
+    mean_mm = mean_of_joint_means(error_mm)
+    return Score(mean_mm, coverage_percent(error_mm, valid), int(np.isfinite(error_mm).sum()))
+
+
+def mean_of_joint_means(error_mm: Float[np.ndarray, "row joint"]) -> float:
+    """Return the mean over joints of the mean of each one's finite errors; NaN if there are none."""
     means = [_mean(joint[np.isfinite(joint)]) for joint in error_mm.T if np.isfinite(joint).any()]
-    return Score(_mean(np.array(means)), coverage_percent(error_mm, valid), int(np.isfinite(error_mm).sum()))
+    return _mean(np.array(means))
 
 
 def pck_auc(

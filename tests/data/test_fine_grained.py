@@ -176,7 +176,11 @@ def test_every_action_once_by_number(tmp_path: Path) -> None:
 
 def test_the_verb_of_an_instant_is_that_of_the_latest_segment() -> None:
     pick, screw = (Action.of(verb, "wheel", ("wheel",)) for verb in ("pick up", "screw"))
-    segments = [Segment("r", 10, 20, 30, pick), Segment("r", 36, 50, 60, screw), Segment("r", 38, 39, 60, None)]
+    segments = [
+        Segment("r", 10, 20, 30, pick).at_rate(60),
+        Segment("r", 36, 50, 60, screw),
+        Segment("r", 38, 39, 60, None),
+    ]
     assert [verb_at(segments, key) for key in (19, 20, 35, 36, 38, 41, 50, 51)] == [
         "", "pick up", "pick up", "screw", "screw", "screw", "screw", "",
     ]  # fmt: skip

@@ -96,6 +96,7 @@ def test_predictions_fill_the_challenges_template(trained: Path, tmp_path: Path)
     template.write_text(json.dumps({"annotations": {TEST: {**frames, "000998": {"world_coord": []}}}}))
     settings = (f"hands2023_template={template}", f"use_weights.svegonet={weights}", *TINY[-2:])
     outcome = release.run("predict", *settings, workspace=tmp_path / "work").assert_done()
+    assert load(tmp_path / "work" / "runs" / "latest" / "ego_evaluation").empty, "without labels there are no figures"
     assert f"{TEST}: 1 of {NUM_FRAMES + 1} frames are not predicted, 000998 the first" in outcome.said
     with zipfile.ZipFile(tmp_path / "work" / "runs" / "latest" / "submission" / f"{SUBMISSION_NAME[:-5]}.zip") as file:
         filled = json.loads(file.read(SUBMISSION_NAME))["annotations"][TEST]
@@ -121,6 +122,36 @@ def test_preflight_says_what_is_there(tmp_path: Path) -> None:
     )
 
 
+def test_pictures_that_come_later_are_cropped_then(tmp_path: Path) -> None:
+    release = _release(tmp_path, {TRAIN: "train"})
+    file = sorted(release.layout.images.rglob(f"{TRAIN}/{CAMERAS[0]}/*.jpg"))[0]
+    content = file.read_bytes()
+    file.unlink()
+    release.run("target=project_manual", workspace=tmp_path / "work").assert_done()
+    node = tmp_path / "work" / "runs" / "latest" / "project_manual"
+    assert "missing_image" in set(load(node).reason)
+    file.write_bytes(content)
+    release.run("target=project_manual", workspace=tmp_path / "work").assert_done()
+    assert "missing_image" not in set(load(node).reason)
+
+
+def test_boxes_of_no_size_and_hands_with_few_joints_harm_nobody_else(tmp_path: Path) -> None:
+    release = _release(tmp_path, {TRAIN: "train"})
+    path = release.layout.annotations("train", "ego_data")
+    document = json.loads(path.read_text())
+    first, second = (block for block in document["annotations"][:2])
+    hand = next(name for name, box in first["bbox"].items() if box)
+    first["bbox"][hand] = first["bbox"][hand][:2] * 2
+    second["joint_valid"] = [1] * 9 + [0] * 33
+    path.write_text(json.dumps(document))
+    release.run("target=project_manual", workspace=tmp_path / "work").assert_done()
+    crops = load(tmp_path / "work" / "runs" / "latest" / "project_manual")
+    row = crops[(crops.frame == 0) & (crops.camera_id == CAMERAS[0]) & (crops.hand == hand)].iloc[0]
+    assert row.valid and row.width_px == 100, "the toolkit's smallest crop"
+    few = crops[(crops.frame == 0) & (crops.camera_id == CAMERAS[1]) & (crops.hand == "right")].iloc[0]
+    assert few.reason == "too_few_joints"
+
+
 def test_lost_and_broken_pictures_are_counted_by_reason(tmp_path: Path) -> None:
     release = _release(tmp_path, {TRAIN: "train"})
     files = sorted((release.layout.images).rglob(f"{TRAIN}/{CAMERAS[0]}/*.jpg"))
@@ -138,7 +169,7 @@ def test_lost_and_broken_pictures_are_counted_by_reason(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("kind", "old", "new", "said"),
     [
-        ("joint_3d", '"joint_valid"', '"joint_val"', "joint_valid"),
+        ("joint_3d", '"joint_valid"', '"joint_val"', f"{NUM_FRAMES} entries in all are wrong"),
         ("ego_calib", "160.0", "NaN", "NaN"),
         ("ego_data", '"bbox"', '"box"', "bbox"),
     ],
@@ -146,6 +177,6 @@ def test_lost_and_broken_pictures_are_counted_by_reason(tmp_path: Path) -> None:
 def test_a_malformed_file_is_named_with_the_reason(tmp_path: Path, kind: str, old: str, new: str, said: str) -> None:
     release = _release(tmp_path, {TRAIN: "train"})
     path = release.layout.annotations("train", kind)  # type: ignore[arg-type]
-    path.write_text(path.read_text().replace(old, new, 1))
+    path.write_text(path.read_text().replace(old, new, -1 if kind == "joint_3d" else 1))
     outcome = release.run("target=ingest_ego", workspace=tmp_path / "work")
     outcome.assert_refused(1, path.name, said)

@@ -30,7 +30,7 @@ from stages.undistort import STAGE as UNDISTORT
 from stages.write_ego_pictures import STAGE as WRITE_EGO_PICTURES
 from stages.write_ego_pictures import WriteEgoPicturesConfig
 
-ROW: ManifestRow = {"sequence_id": RECORDING, "split": "train"}
+ROW: ManifestRow = {"sequence_id": RECORDING, "split": "train", "folder": ".", "actions": ""}
 CROPS = ProjectEgoConfig(
     gamma=1.75, size_px=256, jpeg_quality=95, min_joints=15, min_border_px=0.0, min_other_share=0.5
 )
@@ -82,7 +82,9 @@ def test_what_is_exported_is_read_again_and_shows_the_same(
     recording = from_release(ROW, DatasetLayout(made[0]))
     sources = recording.origin_rows(FileDigests(tmp_path / "digests.json"))[EGO_EDGE]
     context = Context(tmp_path, RECORDING)
-    read = INGEST_EGO.run(IngestEgoConfig(chunk_frames=9), {"sources": SOURCES.from_rows(sources)}, context)
+    read = INGEST_EGO.run(
+        IngestEgoConfig(chunk_frames=9, first_key=None), {"sources": SOURCES.from_rows(sources)}, context
+    )
     rectified = UNDISTORT.run(UNDISTORTED, {"views": read["views"]}, context)["rectified_views"]
     again = PROJECT_EGO.run(CROPS, {**read, "rectified_views": rectified, "chunks": CHUNK}, context)[
         "crops"

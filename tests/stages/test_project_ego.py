@@ -116,4 +116,6 @@ def test_hands_that_meet_are_in_one_crop(headset: dict[str, pa.Table], joints: n
 
 def test_a_sequence_that_its_headsets_file_lacks_is_named(sources: pa.Table, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"ego\.json has no recording other"):
-        INGEST_EGO.run(IngestEgoConfig(chunk_frames=3), {"sources": sources}, Context(tmp_path, "other"))
+        INGEST_EGO.run(
+            IngestEgoConfig(chunk_frames=3, first_key=None), {"sources": sources}, Context(tmp_path, "other")
+        )

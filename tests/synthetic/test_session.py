@@ -1,7 +1,11 @@
 """A recording's name decides on everything that is filmed."""
 
+from types import SimpleNamespace
+
+import numpy as np
 import pytest
 
+from assemblyhands_core.synthetic import session
 from assemblyhands_core.synthetic.rig import assembly_rig
 from assemblyhands_core.synthetic.session import Order, Session
 
@@ -20,11 +24,13 @@ def test_a_name_decides_on_person_day_and_script() -> None:
     assert len(Order(NAME, "desktop", 2.0).build_rig().exo) == 12
 
 
-def test_fewer_pictures_a_second_show_the_same_instants() -> None:
-    often, seldom = Session(Order(NAME, "assembly", 4.0)), Session(Order(NAME, "assembly", 4.0, rate_hz=2))
+def test_fewer_pictures_a_second_show_the_same_instants(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(session, "render", lambda *_, **__: SimpleNamespace(image=np.zeros((2, 2), np.uint8)))
+    often, seldom = (Session(Order(NAME, "assembly", 4.0, rate_hz=rate)) for rate in (30, 2))
     assert Order(NAME, "assembly", 4.0, rate_hz=2).num_frames == 8
-    expected = often.take.state_at(45 / 30).joints_world_mm
-    assert seldom.take.state_at(3 / seldom.rate_hz).joints_world_mm.tobytes() == expected.tobytes()
+    shots = often.shoot(45), seldom.shoot(3)
+    assert shots[0].state.joints_world_mm.tobytes() == shots[1].state.joints_world_mm.tobytes()
+    assert [shot.truth.frame for shot in shots] == [45, 3]
 
 
 def test_a_name_that_tells_nobody_is_refused() -> None:
