@@ -108,7 +108,10 @@ WRONG_CALIBRATIONS: dict[str, tuple[Callable[[str], str], list[str]]] = {
     "other_json": (lambda _: '{"cameras": 4}', ["camera record 0", "it lacks SerialNo"]),
     "half": (lambda good: good[: len(good) // 2], ["JSON"]),
     "toml": (lambda _: _TOML, ["camera front", "rotation is [nan, 0.0, 0.0] instead of 3 finite numbers"]),
-    "prose": (lambda _: "see the notebook of last week", ["supported are Assembly101 JSON, AssemblyHands calib.txt, anipose"]),
+    "prose": (
+        lambda _: "see the notebook of last week",
+        ["supported are Assembly101 JSON, AssemblyHands calib.txt, anipose"],
+    ),
     "empty": (lambda _: "", ["is empty", "supported are Assembly101 JSON, AssemblyHands calib.txt, anipose"]),
 }
 

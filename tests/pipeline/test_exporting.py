@@ -31,9 +31,7 @@ from stages.write_ego_pictures import STAGE as WRITE_EGO_PICTURES
 from stages.write_ego_pictures import WriteEgoPicturesConfig
 
 ROW: ManifestRow = {"sequence_id": RECORDING, "split": "train", "folder": ".", "actions": ""}
-CROPS = ProjectEgoConfig(
-    gamma=2.5, size_px=256, jpeg_quality=95, min_joints=15, min_border_px=0.0, min_other_share=0.5
-)
+CROPS = ProjectEgoConfig(gamma=2.5, size_px=256, jpeg_quality=95, min_joints=15, min_border_px=0.0, min_other_share=0.5)
 
 
 @pytest.fixture(scope="module")
