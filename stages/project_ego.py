@@ -13,10 +13,10 @@ import numpy as np
 from pydantic import Field
 
 from assemblyhands_core.data.camera_rows import camera_to_row, missing_camera_row
-from assemblyhands_core.data.catalog import CHUNKS, EGO_BOXES, EGO_CROPS, EGO_FRAMES, JOINTS, RECTIFIED_VIEWS, VIEWS
+from assemblyhands_core.data.catalog import EGO_CROPS
 from assemblyhands_core.data.crop_images import ImageRGB, encode_jpeg
 from assemblyhands_core.data.ego_boxes import OUTSIDE_VIEW, EgoBox, EgoRule, identity_of
-from assemblyhands_core.data.ego_views import EgoHands, EgoView, ego_hands, ego_views
+from assemblyhands_core.data.ego_views import EGO_INPUTS, EgoHands, EgoView, ego_hands, ego_views
 from assemblyhands_core.geometry.regions import cut_region
 from assemblyhands_core.hands.joints import HANDS, NUM_BOTH, NUM_JOINTS, Hand
 from assemblyhands_core.metrics.keypoints import relative_to_wrist
@@ -115,14 +115,7 @@ STAGE = Stage(
     name="project_ego",
     version=2,
     config=ProjectEgoConfig,
-    inputs={
-        "chunks": CHUNKS,
-        "views": VIEWS,
-        "rectified_views": RECTIFIED_VIEWS,
-        "frames": EGO_FRAMES,
-        "boxes": EGO_BOXES,
-        "joints": JOINTS,
-    },
+    inputs=EGO_INPUTS,
     outputs={"crops": EGO_CROPS},
     run=run,
     shard="chunk",

@@ -13,11 +13,11 @@ from pydantic import Field
 
 from assemblyhands_core.data.blob_names import blob_name
 from assemblyhands_core.data.camera_rows import camera_to_row
-from assemblyhands_core.data.catalog import CHUNKS, EGO_BOXES, EGO_FRAMES, EGO_PICTURES, JOINTS, RECTIFIED_VIEWS, VIEWS
+from assemblyhands_core.data.catalog import EGO_PICTURES
 from assemblyhands_core.data.crop_images import ImageRGB, encode_jpeg
 from assemblyhands_core.data.digests import digest_file
 from assemblyhands_core.data.ego_boxes import EgoBox, EgoRule
-from assemblyhands_core.data.ego_views import EgoHands, EgoView, ego_hands, ego_views
+from assemblyhands_core.data.ego_views import EGO_INPUTS, EgoHands, EgoView, ego_hands, ego_views
 from assemblyhands_core.geometry.cameras import Camera
 from assemblyhands_core.geometry.regions import remap
 from assemblyhands_core.hands.joints import HANDS, NUM_JOINTS
@@ -86,14 +86,7 @@ STAGE = Stage(
     name="write_ego_pictures",
     version=1,
     config=WriteEgoPicturesConfig,
-    inputs={
-        "chunks": CHUNKS,
-        "views": VIEWS,
-        "rectified_views": RECTIFIED_VIEWS,
-        "frames": EGO_FRAMES,
-        "boxes": EGO_BOXES,
-        "joints": JOINTS,
-    },
+    inputs=EGO_INPUTS,
     outputs={"pictures": EGO_PICTURES},
     run=run,
     shard="chunk",

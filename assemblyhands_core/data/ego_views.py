@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import pyarrow as pa
@@ -12,15 +12,26 @@ from jaxtyping import Bool, Float
 
 from assemblyhands_core.data.arrays import to_numpy
 from assemblyhands_core.data.camera_rows import camera_from_row
+from assemblyhands_core.data.catalog import CHUNKS, EGO_BOXES, EGO_FRAMES, JOINTS, RECTIFIED_VIEWS, VIEWS
 from assemblyhands_core.data.crop_images import ImageRGB, read_picture
 from assemblyhands_core.data.ego_boxes import NO_BOX, EgoBox, EgoRule, ego_box, given_box, no_box
 from assemblyhands_core.data.rounds import joints_or_nan
+from assemblyhands_core.data.tables import TableSpec
 from assemblyhands_core.data.video import VideoReader
 from assemblyhands_core.geometry.cameras import Camera
 from assemblyhands_core.geometry.regions import RemapGrid
 from assemblyhands_core.hands.joints import HANDS, NUM_JOINTS
 
 NO_POSE = "no_pose"
+EGO_INPUTS: Final[Mapping[str, TableSpec]] = {
+    "chunks": CHUNKS,
+    "views": VIEWS,
+    "rectified_views": RECTIFIED_VIEWS,
+    "frames": EGO_FRAMES,
+    "boxes": EGO_BOXES,
+    "joints": JOINTS,
+}
+"""What `ego_views` and `ego_hands` read of a sequence: the roles of a stage that looks at the headset's pictures."""
 
 
 @dataclass(frozen=True, eq=False)

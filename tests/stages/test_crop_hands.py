@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pytest
+from headset import UNDISTORTED
 
 from assemblyhands_core.data.camera_rows import camera_from_row, camera_to_row, missing_camera_row
 from assemblyhands_core.data.catalog import CHUNKS, HAND_BOXES, VIEWS
@@ -17,7 +18,6 @@ from assemblyhands_core.geometry.distortion import OpenCVLens, Pinhole
 from stages._contract import Context
 from stages.crop_hands import STAGE, CropHandsConfig
 from stages.undistort import STAGE as UNDISTORT
-from stages.undistort import UndistortConfig
 
 WIDTH_PX, HEIGHT_PX, NUM_FRAMES, RADIUS_MM = 320, 240, 5, 100.0
 CONFIG = CropHandsConfig(margin=1.5, size_px=384, jpeg_quality=95)
@@ -67,16 +67,7 @@ def _view(name: str, camera: Camera | None, path: str) -> dict[str, Any]:
 
 @pytest.fixture(scope="module")
 def rectified(views: pa.Table) -> pa.Table:
-    config = UndistortConfig(
-        focal_scale_perspective=1.0,
-        focal_scale_fisheye=0.7,
-        grid_step_px=8,
-        lattice_step_px=16,
-        max_residual_px=0.02,
-        materialize=False,
-        video_crf=18,
-    )
-    return UNDISTORT.run(config, {"views": views}, Context(Path(), "s"))["rectified_views"]
+    return UNDISTORT.run(UNDISTORTED, {"views": views}, Context(Path(), "s"))["rectified_views"]
 
 
 def _boxes(rectified: pa.Table, num_frames: int = NUM_FRAMES) -> list[dict[str, Any]]:
@@ -155,15 +146,7 @@ def test_a_shrunk_region_is_averaged_not_picked(tmp_path: Path) -> None:
     with VideoWriter(tmp_path / "a.mp4", 64, 64, Fraction(30), crf=0) as video:
         video.write(stripes)
     views = VIEWS.from_rows([_view("a", camera, str(tmp_path / "a.mp4"))])
-    config = UndistortConfig(
-        focal_scale_perspective=1.0,
-        focal_scale_fisheye=1.0,
-        grid_step_px=8,
-        lattice_step_px=8,
-        max_residual_px=0.02,
-        materialize=False,
-        video_crf=0,
-    )
+    config = UNDISTORTED.model_copy(update={"focal_scale_fisheye": 1.0})
     rectified = UNDISTORT.run(config, {"views": views}, Context(tmp_path, "s"))["rectified_views"]
     box = {**_boxes(rectified, 1)[0], "center_rectified_px": np.array([31.5, 31.5]), "side_px": 64.0}
     crop = _run(views, rectified, [box], CONFIG.model_copy(update={"margin": 1.0, "size_px": 32}))[0]
