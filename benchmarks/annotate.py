@@ -20,6 +20,7 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 import torch
+from _network_clock import NetworkClock
 from torch.utils.flop_counter import FlopCounterMode
 
 from assemblyhands_core.models import annotation
@@ -41,8 +42,8 @@ def main() -> None:
         print(f"{options.run} has no {NODE}: run `make annotate` first")
         return
     inputs, config = chunk_of(options.run)
-    clock = NetworkClock()
-    annotation._forward = clock.wrapped(annotation._forward)
+    clock, counts = NetworkClock(), list[float]()
+    annotation._forward = counting(clock.wrapped(annotation._forward), counts)
     timed(config, inputs, options.threads)  # compiles the fused loop
     rounds, peaks = [], []
     for _ in range(options.repeats):
@@ -51,7 +52,7 @@ def main() -> None:
         peaks.append(peak_flops(options.threads))
     whole, network = min(rounds)
     hands, peak = inputs["joints"].num_rows, max(peaks)
-    flops = clock.flops_per_hand
+    (flops,) = counts
     print(
         f"{hands} hands, {hands / 2 / whole:.2f} instants (both hands) per second, {1e3 * whole / hands:.0f} ms a hand"
     )
@@ -60,28 +61,19 @@ def main() -> None:
     print(f"{flops * hands / network / peak:.0%} of this machine's peak of {peak / 1e9:.0f} GFLOP/s")
 
 
-class NetworkClock:
-    """How long the network runs, and its FLOPs for one hand with all its views."""
+def counting(forward: Any, flops: list[float]) -> Any:
+    """Return the same forward pass, which notes the FLOPs of one hand with all its views when it first runs."""
+    lock = threading.Lock()
 
-    def __init__(self) -> None:
-        self.seconds, self.flops_per_hand, self.lock = 0.0, 0.0, threading.Lock()
+    def counted(network: MVExoNet, arguments: Any) -> Any:
+        with lock:
+            if not flops:
+                with FlopCounterMode(display=False) as counter:
+                    forward(network, [tensor[:1] for tensor in arguments])
+                flops.append(float(counter.get_total_flops()))
+        return forward(network, arguments)
 
-    def wrapped(self, forward: Any) -> Any:
-        """Return the same forward pass, timed."""
-
-        def timed_forward(network: MVExoNet, arguments: Any) -> Any:
-            with self.lock:
-                if not self.flops_per_hand:
-                    with FlopCounterMode(display=False) as counter:
-                        forward(network, [tensor[:1] for tensor in arguments])
-                    self.flops_per_hand = float(counter.get_total_flops())
-            begin = time.perf_counter()
-            found = forward(network, arguments)
-            with self.lock:
-                self.seconds += time.perf_counter() - begin
-            return found
-
-        return timed_forward
+    return counted
 
 
 def chunk_of(run: Path) -> tuple[Mapping[str, pa.Table], Any]:

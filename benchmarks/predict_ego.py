@@ -8,12 +8,11 @@ of the threads' time in which it does not run: decoding and scaling of crops, li
 
 import argparse
 import tempfile
-import threading
 import time
 from pathlib import Path
-from typing import Any
 
 import torch
+from _network_clock import NetworkClock
 from hydra import compose, initialize_config_dir
 
 from assemblyhands_core.data.store import load_table
@@ -34,7 +33,7 @@ def main() -> None:
         return
     crops = load_table(next(iter(sorted((options.run / "project_ego" / "crops").glob("*.parquet")))))
     weights = load_table(options.run / "svegonet")
-    clock = _Clock()
+    clock = NetworkClock()
     SVEgoNet.forward = clock.wrapped(SVEgoNet.forward)  # type: ignore[method-assign]
     inputs, times = {"crops": crops, "weights": weights}, []
     for _ in range(options.repeats + 1):  # the first one warms up
@@ -47,25 +46,6 @@ def main() -> None:
     count = sum(crops["valid"].to_pylist())
     print(f"{count} crops, {count / whole:.0f} per second on {options.threads} threads ({torch.__version__})")
     print(f"outside the network: {1 - network / whole:.1%}")
-
-
-class _Clock:
-    """How long the network runs, over all threads."""
-
-    def __init__(self) -> None:
-        self.seconds, self.lock = 0.0, threading.Lock()
-
-    def wrapped(self, forward: Any) -> Any:
-        """Return the same forward pass, timed."""
-
-        def timed(network: SVEgoNet, *arguments: Any) -> Any:
-            begin = time.perf_counter()
-            found = forward(network, *arguments)
-            with self.lock:
-                self.seconds += time.perf_counter() - begin
-            return found
-
-        return timed
 
 
 def _config() -> predict_ego.PredictEgoConfig:
