@@ -366,7 +366,7 @@ def _add_evaluation(dag: Dag, num_rounds: int) -> tuple[str, ...]:
     Beside them the upper bound: a round that starts from the truth, which nothing but its own evaluation reads.
     """
     dag.add("true_start", start_from_truth.STAGE, truth=TRUTH_EDGE, chunks="ingest.chunks")
-    _add_round(dag, "upper_bound", *["true_start"] * 3)
+    _add_round(dag, "upper_bound", "round_0", *["true_start"] * 2)
     _add_one_evaluation(dag, "evaluation_bound", "upper_bound")
     _add_one_evaluation(dag, "evaluation_smoothed", "smoothed")
     names = tuple(f"evaluation_{number}" for number in range(num_rounds + 1))

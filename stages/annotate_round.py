@@ -4,7 +4,8 @@ The network is frozen; only windows and root change from round to round. An esti
 count: then the joints of the round before are kept, and the table `rounds` says why.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from itertools import compress
 from pathlib import Path
 from typing import Any, Final, Self
@@ -39,6 +40,7 @@ from assemblyhands_core.data.rounds import (
     joints_or_nan,
     known_hands,
 )
+from assemblyhands_core.hands.blending import blended_mm
 from assemblyhands_core.hands.divergence import Limits
 from assemblyhands_core.hands.joints import NUM_JOINTS
 from stages._contract import Context, Stage, StageConfig, Tables
@@ -81,6 +83,13 @@ class GuardConfig(StageConfig):
         return Limits(**self.model_dump())
 
 
+class BlendConfig(StageConfig):
+    """How much 2D + triangulation counts in what a round finds, see `blending.blended_mm`."""
+
+    share: float = Field(ge=0, lt=1)
+    within_mm: float = Field(ge=0)
+
+
 class AnnotateRoundConfig(StageConfig):
     """Parameters of a round, the same for all rounds."""
 
@@ -93,6 +102,7 @@ class AnnotateRoundConfig(StageConfig):
     min_keypoint_confidence: float = Field(ge=0, le=1)
     batch_size: int = Field(ge=1)
     stop_below_mm: float = Field(ge=0)
+    blend: BlendConfig
     guard: GuardConfig
 
     @property
@@ -114,15 +124,17 @@ def run(config: AnnotateRoundConfig, inputs: Tables, context: Context) -> Tables
     windows = _windows(config, known, inputs)
     reason, note = _reasons_not_to_ask(config, windows, inputs)
     joints, confidence = _asked(config, windows, reason == "", context)
-    estimates = _beside_others(config, inputs, known, windows, joints)
+    measured_px = _distances_to_keypoints(config, inputs)
+    estimates = _beside_others(inputs, known, windows, joints, measured_px)
     is_judged = (reason == "") & (to_numpy(previous["round"]) != TRUE_ROUND)  # beside the truth every estimate is bad
     doubt, figures = doubts(estimates, is_judged, config.guard.limits())
+    blended = blended_mm(joints, estimates.triangulated_world_mm, config.blend.share, config.blend.within_mm)
     outcome = RoundOutcome(
         previous=previous,
         windows=windows,
-        joints_world_mm=joints,
+        joints_world_mm=blended,
         confidence=confidence,
-        reprojection_px=mean_of_known(estimates.distances_px, axis=1),
+        reprojection_px=mean_of_known(measured_px(blended), axis=1),
         reason=np.where(doubt == "", reason, doubt),
         note=np.where(doubt == "", note, figures),
         min_confidence=config.min_confidence,
@@ -166,19 +178,18 @@ def _earlier(inputs: Tables) -> Floats:
 
 
 def _beside_others(
-    config: AnnotateRoundConfig,
     inputs: Tables,
     known: Sequence[KnownHand],
     windows: Sequence[HandWindows],
     joints: Floats,
+    measured_px: Callable[[Floats], Floats],
 ) -> Estimates:
     """Return the new joints with what they are judged by."""
-    previous, cameras = inputs["joints"], valid_cameras(inputs["views"])
+    previous = inputs["joints"]
     place = rows_of_hands(previous, inputs["triangulated"])
     triangulated = np.where((place >= 0)[:, None, None], joints_or_nan(inputs["triangulated"])[place], np.nan)
-    seen_px = _keypoints(config, inputs, list(cameras))
     all_joints = (joints, joints_or_nan(previous), triangulated)
-    now_px, before_px, first_px = (distances_px(points, list(cameras.values()), seen_px) for points in all_joints)
+    now_px, before_px, first_px = (measured_px(points) for points in all_joints)
     stood_on = mean_of_known(np.where(to_numpy(previous["valid"]), to_numpy(previous["num_views"]), np.nan), axis=1)
     return Estimates(
         known=known,
@@ -191,12 +202,13 @@ def _beside_others(
     )
 
 
-def _keypoints(config: AnnotateRoundConfig, inputs: Tables, camera_ids: list[str]) -> Floats:
-    """Return the 2D keypoints (G, V, 21, 2) of the hands."""
-    keypoints, previous = inputs["keypoints"], inputs["joints"]
-    place = rows_of_hands(keypoints, previous), positions(keypoints["camera_id"], camera_ids)
-    shape = previous.num_rows, len(camera_ids)
-    return keypoints_by_view(keypoints, *place, *shape, config.min_keypoint_confidence)[0]
+def _distances_to_keypoints(config: AnnotateRoundConfig, inputs: Tables) -> Callable[[Floats], Floats]:
+    """Return what measures how far joints (G, 21, 3) are from the 2D keypoints (G, V, 21) of the hands."""
+    keypoints, previous, cameras = inputs["keypoints"], inputs["joints"], valid_cameras(inputs["views"])
+    place = rows_of_hands(keypoints, previous), positions(keypoints["camera_id"], list(cameras))
+    shape = previous.num_rows, len(cameras)
+    seen_px, _ = keypoints_by_view(keypoints, *place, *shape, config.min_keypoint_confidence)
+    return partial(distances_px, cameras=list(cameras.values()), pixels=seen_px)
 
 
 def _asked(
@@ -232,7 +244,7 @@ def _externals(config: AnnotateRoundConfig, sequence_id: str) -> Mapping[str, st
 
 STAGE = Stage(
     name="annotate_round",
-    version=4,
+    version=5,
     config=AnnotateRoundConfig,
     inputs={
         "views": VIEWS,

@@ -21,7 +21,7 @@ from assemblyhands_core.hands.kinematics import HandPose, HandSkeleton, forward_
 from assemblyhands_core.models.mvexonet import HandEstimate, MVExoNet, MVExoNetConfig
 from assemblyhands_core.models.pretrained import save_weights
 from stages._contract import Context
-from stages.annotate_round import STAGE, AnnotateRoundConfig, GuardConfig
+from stages.annotate_round import STAGE, AnnotateRoundConfig, BlendConfig, GuardConfig
 
 SIZE_PX, CROP_PX, MARGIN, RADIUS_MM = 64, 96, 1.5, 130.0
 FRAMES = (4, 5)
@@ -49,6 +49,7 @@ CONFIG = AnnotateRoundConfig(
     min_keypoint_confidence=0.1,
     batch_size=8,
     stop_below_mm=0.0,
+    blend=BlendConfig(share=0.0, within_mm=10.0),
     guard=GUARD,
 )
 Answer = Callable[[int, np.ndarray, bool], np.ndarray]  # (call's row, root, is left) → joints
@@ -231,6 +232,29 @@ def test_a_round_gives_what_the_network_says(run: Any) -> None:
         assert (detail["round"], detail["kept_round"], detail["num_views"], detail["reason"]) == (1, 1, 4, "")
         assert detail["displacement_mm"] == pytest.approx(3.0, abs=1e-3) and not detail["is_crop_outside"]
         assert detail["confidence"] == pytest.approx(0.9) and detail["note"] == ""
+
+
+def test_what_is_believed_is_mixed_with_triangulated_joints_near_by(run: Any) -> None:
+    """10 mm off, and triangulated joints on the truth: a share of 0.4 leaves 6 mm."""
+    answer, mix = _moved(0.0, 6.0, 8.0), BlendConfig(share=0.4, within_mm=10.5)
+    for row, key in zip(run(KnownAnswer(answer), blend=mix)["joints"], KEYS, strict=True):
+        np.testing.assert_allclose(_points(row), TRUE_MM[key] + (0.0, 3.6, 4.8), atol=1e-3)
+        assert row["source"] == "mvexonet" and np.mean(row["reprojection_px"]) > 0.1
+    for changed, inputs in (
+        ({"blend": BlendConfig(share=0.4, within_mm=9.5)}, {}),
+        ({"blend": mix}, {"triangulated": _joints(missing=tuple(range(21)))}),
+    ):
+        for row, key in zip(run(KnownAnswer(answer), inputs, **changed)["joints"], KEYS, strict=True):
+            np.testing.assert_allclose(_points(row), TRUE_MM[key] + (0.0, 6.0, 8.0), atol=1e-3)
+
+
+def test_the_reprojection_of_a_mixed_joint_is_its_own(run: Any) -> None:
+    alone, mixed = (
+        run(KnownAnswer(_moved(0.0, 6.0, 8.0)), blend=BlendConfig(share=share, within_mm=20.0))["joints"]
+        for share in (0.0, 0.5)
+    )
+    ratios = [np.divide(b["reprojection_px"], a["reprojection_px"]) for a, b in zip(alone, mixed, strict=True)]
+    np.testing.assert_allclose(ratios, 0.5, atol=0.02)
 
 
 def test_round_1_looks_at_the_detected_boxes_around_the_triangulated_root(run: Any, scene: Scene) -> None:
