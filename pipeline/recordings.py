@@ -15,7 +15,7 @@ from assemblyhands_core.data.split_files import ACTIONS_SHARE, EGO_SHARE, JOINTS
 from pipeline.config import RunConfig, UserError
 from pipeline.dag import EGO_EDGE, LABEL_EDGE, SOURCE_EDGE, TRUTH_EDGE
 from pipeline.manifests import MANIFESTS, ManifestRow, checked_name, select_rows
-from pipeline.takes import CROPS_PACKAGE, STUDIO_PACKAGE, studio_folder
+from pipeline.takes import CROPS_PACKAGE, HEADSET, STUDIO_PACKAGE, studio_folder
 
 RELEASE_PACKAGE: Final = "assemblyhands"
 """What manifests call recordings of the AssemblyHands release, which the user has downloaded."""
@@ -135,9 +135,11 @@ def _from_manifest(row: ManifestRow, config: RunConfig) -> Recording:
         return from_release(row, release_folder(config))
     workspace = config.workspace
     if row["package"] == STUDIO_PACKAGE:
-        row = {**row, **_studio_paths(row["sequence_id"], studio_folder(workspace))}
+        row = {**row, **_studio_paths(row["sequence_id"], row["rig"], studio_folder(workspace))}
     folder = _package_folder(row, workspace) if row["package"] else Path(row["folder"])
-    found = _recording(row["sequence_id"], folder / row["calibration"], str(folder / row["videos"]))
+    has_headset_alone = row["ego_videos"] and not row["videos"]
+    videos = None if has_headset_alone else str(folder / row["videos"])
+    found = _recording(row["sequence_id"], folder / row["calibration"], videos)
     return replace(
         found,
         keypoints=_optional_folder(folder, row, "keypoints"),
@@ -193,13 +195,13 @@ def from_release(row: ManifestRow, layout: DatasetLayout) -> Recording:
     return found
 
 
-def _studio_paths(sequence_id: str, root: Path) -> dict[str, str]:
+def _studio_paths(sequence_id: str, rig: str, root: Path) -> dict[str, str]:
     """Return where a recording of the studio has its files, which its name decides alone; those of them that it has."""
     layout = DatasetLayout(Path())
     video, share = layout.video(sequence_id, "x"), layout.labels(sequence_id)
     paths = {
         "calibration": str(layout.calibration(sequence_id)),
-        "videos": str(video.with_name("*_rgb.mp4")),
+        "videos": str(video.with_name("*_rgb.mp4")) if rig != HEADSET else "",
         "ground_truth": str(layout.ground_truth(sequence_id)),
     }
     if (root / share / JOINTS_SHARE).is_file():
@@ -239,10 +241,10 @@ def _package_folder(row: ManifestRow, workspace: Path) -> Path:
         raise UserError(str(error)) from error
 
 
-def _recording(sequence_id: str, calibration: Path, videos: str) -> Recording:
+def _recording(sequence_id: str, calibration: Path, videos: str | None) -> Recording:
     if not calibration.is_file():
         raise UserError(f"sequence {sequence_id}: the calibration {calibration} does not exist")
-    return Recording(sequence_id, calibration.absolute(), _videos(sequence_id, videos))
+    return Recording(sequence_id, calibration.absolute(), _videos(sequence_id, videos) if videos else {})
 
 
 def _videos(sequence_id: str, pattern: str) -> dict[str, Path]:

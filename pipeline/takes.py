@@ -10,6 +10,7 @@ from assemblyhands_core.data.layout import DatasetLayout
 from assemblyhands_core.data.names import parse_recording_name
 from assemblyhands_core.data.split_files import check_new_splits
 from assemblyhands_core.synthetic.crop_draws import FIRST_SUBJECT
+from assemblyhands_core.synthetic.rig import RIGS
 from assemblyhands_core.synthetic.session import RATE_HZ
 from pipeline.config import RunConfig, UserError
 from pipeline.dag import CROP_EDGE, TAKE_EDGE
@@ -19,6 +20,9 @@ STUDIO_PACKAGE: Final = "synthetic"
 """What manifests call the recordings of the studio."""
 CROPS_PACKAGE: Final = "crops"
 """What manifests call crops that the studio draws directly, for training."""
+
+HEADSET: Final = "headset"
+"""What manifests call the studio's rig without fixed cameras."""
 
 _MAX_DURATION_S: Final = 10**6
 
@@ -94,8 +98,9 @@ def _take(row: ManifestRow, config: RunConfig) -> OrderedTake:
         )
     if wanted == STUDIO_PACKAGE:
         _check_person(name, row["manifest"])
-    if row["rig"] not in ("assembly", "desktop"):
-        raise UserError(f"{row['manifest']}, sequence {name}: rig is {row['rig']!r}, has to be assembly or desktop")
+    if row["rig"] not in RIGS:
+        known = ", ".join(RIGS)
+        raise UserError(f"{row['manifest']}, sequence {name}: rig is {row['rig']!r}, has to be one of {known}")
     return OrderedTake(name, row["split"], row["rig"], _duration_s(row), row["package"], _rate_hz(row))
 
 

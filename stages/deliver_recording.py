@@ -112,7 +112,7 @@ def _segments(actions: pa.Table, order: Order, views: tuple[str, ...]) -> list[S
             rate_hz=_SEGMENT_RATE_HZ,
             action=Action.of(row["verb"], row["noun"], NOUNS),
             toy_id=toy,
-            toy_name=toy_name(toy, order.rig),
+            toy_name=toy_name(toy, order.things),
             views=views,
         )
         for row in actions.to_pylist()

@@ -17,7 +17,7 @@ from assemblyhands_core.synthetic.headset import HEADSETS, headset_cameras
 from assemblyhands_core.synthetic.lens_draws import draw_perspective_lens
 from assemblyhands_core.synthetic.mounts import disturbed, look_at, spherical
 
-RigKind = Literal["assembly", "desktop"]
+RigKind = Literal["assembly", "desktop", "headset"]
 
 TABLE_TOP_Y_MM: Final = -20.0
 WORK_CENTER_WORLD_MM: Final = (80.0, 190.0, 80.0)
@@ -116,7 +116,20 @@ def desktop_rig(day_seed: int) -> Rig:
     return Rig("desktop", _exo_cameras(_DESKTOP_STANDS, day_seed), {})
 
 
-RIGS: Final[Mapping[RigKind, Callable[[int], Rig]]] = {"assembly": assembly_rig, "desktop": desktop_rig}
+def headset_rig(day_seed: int) -> Rig:
+    """Return the headset alone, for recordings with labels that need no fixed cameras: a tenth of the pictures to draw.
+
+    Args:
+        day_seed: The day, for example 20310502; not negative.
+    """
+    return Rig("headset", {}, assembly_rig(day_seed).ego)
+
+
+RIGS: Final[Mapping[RigKind, Callable[[int], Rig]]] = {
+    "assembly": assembly_rig,
+    "desktop": desktop_rig,
+    "headset": headset_rig,
+}
 
 
 def _exo_cameras(stands: Mapping[str, _Stand], day_seed: int) -> dict[str, Camera]:

@@ -17,6 +17,7 @@ from assemblyhands_core.synthetic.render import BackgroundCache, Sensor, render,
 from assemblyhands_core.synthetic.rig import RIGS, Rig, RigKind
 from assemblyhands_core.synthetic.scene import Studio
 from assemblyhands_core.synthetic.take import State, Take
+from assemblyhands_core.synthetic.toys import SetKind
 
 RATE_HZ: Final = 30
 """Frames a second of the studio's videos, unless ordered otherwise."""
@@ -60,7 +61,12 @@ class Order:
     def write_take(self) -> Take:
         """Write the script of what happens."""
         name = parse_recording_name(self.recording)
-        return Take.from_seed(name.participant, zlib.crc32(self.recording.encode()), self.duration_s, self.rig)
+        return Take.from_seed(name.participant, zlib.crc32(self.recording.encode()), self.duration_s, self.things)
+
+    @property
+    def things(self) -> SetKind:
+        """Return which things lie on the table: those of the desktop rig are seen in front of no other."""
+        return "desktop" if self.rig == "desktop" else "assembly"
 
     def build_rig(self) -> Rig:
         """Return the cameras of the day."""

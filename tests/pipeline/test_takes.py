@@ -72,7 +72,7 @@ def test_crops_are_ordered_for_training_only(tmp_path: Path) -> None:
         (row(duration="inf"), NAME, "duration_s is 'inf'"),
         (row(duration="0"), NAME, "above 0"),
         (row(rate="24"), NAME, "rate_hz is '24', has to be one of 1, 2, 3, 5, 6, 10, 15, 30"),
-        (row(rig="garage"), NAME, "rig is 'garage', has to be assembly or desktop"),
+        (row(rig="garage"), NAME, "rig is 'garage', has to be one of assembly, desktop, headset"),
         (row(split=""), NAME, "a split is ''"),
         (row(name="mine"), "mine", r"set\.csv: 'mine' is no recording name"),
         (row(name=NAME.replace("1002", "2005")), NAME.replace("1002", "2005"), "persons from 2000 on are those of"),

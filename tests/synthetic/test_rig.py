@@ -144,6 +144,13 @@ def test_the_desktop_rig_is_another_one() -> None:
     assert np.linalg.norm(ours[:, None] - theirs, axis=-1).min() > 60
 
 
+def test_the_headset_alone_is_the_days_own() -> None:
+    alone, whole = RIGS["headset"](5), assembly_rig(5)
+    assert not alone.exo and list(alone.ego) == list(whole.ego)
+    for camera_id, camera in alone.ego.items():
+        np.testing.assert_array_equal(camera.T_camera_from_world, whole.ego[camera_id].T_camera_from_world)
+
+
 def test_distortion_has_the_size_of_the_real_cameras(calibration_dir: Path) -> None:
     real = [c for path in sorted(calibration_dir.glob("*.json")) for c in load_assembly101_calibration(path).values()]
     ours = [camera for day in range(8) for camera in assembly_rig(day).cameras_at(HEAD).values()]
