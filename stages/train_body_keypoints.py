@@ -7,7 +7,7 @@ from assemblyhands_core.data.catalog import BODY_LABELS, CHUNKS, TRAINING_CURVE,
 from assemblyhands_core.hands.body import NUM_BODY_KEYPOINTS
 from assemblyhands_core.training.body_dataset import BodyAugmentation, BodyViews
 from stages._contract import Context, Stage, StageConfig, Tables
-from stages._training import ScheduleConfig, fitted, is_held_out, started, training_externals
+from stages._training import ScheduleConfig, begun, fitted, is_held_out, training_externals
 
 
 class BodyAugmentationConfig(StageConfig):
@@ -34,7 +34,6 @@ def run(config: TrainBodyKeypointsConfig, inputs: Tables, context: Context) -> T
     import torch
 
     from assemblyhands_core.models.hand_keypoints import HandKeypointConfig, HandKeypointNet
-    from assemblyhands_core.models.pretrained import start_from_imagenet
     from assemblyhands_core.training.tasks import body_task
 
     torch.manual_seed(config.seed)
@@ -47,10 +46,8 @@ def run(config: TrainBodyKeypointsConfig, inputs: Tables, context: Context) -> T
         is_left_mirrored=False,
     )
     network = HandKeypointNet(shape)
-    if not started(network, config) and config.from_imagenet:
-        start_from_imagenet(network.encoder)
     task = body_task(network, *_data_sets(config, inputs))
-    start = config.start_from or ("ImageNet" if config.from_imagenet else "random")
+    start = begun(network, config, config.from_imagenet)
     return fitted(network, task, config, context, {"start": start}, "px")
 
 

@@ -4,7 +4,7 @@ from pydantic import Field
 
 from assemblyhands_core.data.catalog import CHUNKS, CROPS, HAND_LABELS, TRAINING_CURVE, WEIGHTS
 from stages._contract import Context, Stage, Tables
-from stages._training import TrainingConfig, data_sets, fitted, started, training_externals
+from stages._training import TrainingConfig, begun, data_sets, fitted, training_externals
 
 
 class TrainKeypointsConfig(TrainingConfig):
@@ -23,16 +23,13 @@ def run(config: TrainKeypointsConfig, inputs: Tables, context: Context) -> Table
     import torch
 
     from assemblyhands_core.models.hand_keypoints import HandKeypointConfig, HandKeypointNet
-    from assemblyhands_core.models.pretrained import start_from_imagenet
     from assemblyhands_core.training.tasks import keypoint_task
 
     torch.manual_seed(config.seed)
     shape = {name: getattr(config, name) for name in ("backbone", "num_levels", "num_channels", "image_size_px")}
     network = HandKeypointNet(HandKeypointConfig(**shape, is_left_mirrored=config.is_left_mirrored))
-    if not started(network, config) and config.from_imagenet:
-        start_from_imagenet(network.encoder)
     task = keypoint_task(network, *data_sets(config, inputs, config.image_size_px))
-    start = config.start_from or ("ImageNet" if config.from_imagenet else "random")
+    start = begun(network, config, config.from_imagenet)
     return fitted(network, task, config, context, {"start": start}, "px")
 
 

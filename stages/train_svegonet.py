@@ -1,6 +1,7 @@
 """Train SVEgoNet on egocentric crops: annotated by people, by our own last round, or by both (paper, Sec. 4)."""
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Final
 
 import pyarrow as pa
@@ -10,7 +11,7 @@ from pydantic import Field
 from assemblyhands_core.data.catalog import EGO_CROPS, MEMBERS, TRAINING_CURVE, WEIGHTS
 from assemblyhands_core.training.ego_dataset import PLAIN, EgoAugmentation, EgoCrops
 from stages._contract import Context, Stage, StageConfig, Tables
-from stages._training import ScheduleConfig, fitted, is_held_out, started, training_externals
+from stages._training import REPOSITORY, ScheduleConfig, begun, fitted, is_held_out, training_externals
 
 _LABELS: Final = ("manual", "automatic")
 # The paper's manual and automatic sets are of different sequences; in a run without manual ones, others' labels do.
@@ -39,6 +40,12 @@ class TrainSvegonetConfig(ScheduleConfig):
     image_size_px: int = Field(ge=32)
     num_depths: int = Field(ge=4)
     from_imagenet: bool
+    backbone_from: str | None
+
+    @property
+    def backbone_path(self) -> Path | None:
+        """Return the weights of the network whose backbone is taken."""
+        return None if self.backbone_from is None else REPOSITORY / self.backbone_from
 
 
 def run(config: TrainSvegonetConfig, inputs: Tables, context: Context) -> Tables:
@@ -49,17 +56,14 @@ def run(config: TrainSvegonetConfig, inputs: Tables, context: Context) -> Tables
     """
     import torch
 
-    from assemblyhands_core.models.pretrained import start_from_imagenet
     from assemblyhands_core.models.svegonet import SVEgoNet, SVEgoNetConfig
     from assemblyhands_core.training.tasks import ego_task
 
     torch.manual_seed(config.seed)
     names = ("backbone", "num_levels", "num_channels", "image_size_px", "num_depths")
     network = SVEgoNet(SVEgoNetConfig(**{name: getattr(config, name) for name in names}))
-    if not started(network, config) and config.from_imagenet:
-        start_from_imagenet(network.encoder)
+    start = begun(network, config, config.from_imagenet, config.backbone_path)
     task = ego_task(network, *_data_sets(config, inputs))
-    start = config.start_from or ("ImageNet" if config.from_imagenet else "random")
     return fitted(network, task, config, context, {"start": start, "labels": " and ".join(_found(inputs))}, "mm")
 
 

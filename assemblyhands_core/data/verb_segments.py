@@ -74,7 +74,7 @@ class VerbSegment:
 
     Attributes:
         recording: Its recording.
-        number: Its place among the chosen ones of its recording, by time; with the recording it identifies a segment,
+        number: Its place among the chosen ones of its recording, by its first frame; with the recording it identifies a segment,
             as two hands may begin the same at the same frame.
         verb: One of those chosen.
         noun: With what.
@@ -136,7 +136,7 @@ def select_verb_segments(found: FineGrained, selection: VerbSelection, video_key
     verdicts: list[_Verdict] = []
     for recording, segments in sorted(wanted.items()):
         of_recording = _judged(segments, video_keys[recording], selection)
-        kept = sorted((v.segment for v in of_recording if not v.drop), key=lambda s: (s.first_key, s.last_key))
+        kept = sorted((v.segment for v in of_recording if not v.drop), key=lambda segment: segment.first_key)
         chosen += [replace(segment, number=number) for number, segment in enumerate(kept)]
         verdicts += of_recording
     dropped = Counter(verdict.drop for verdict in verdicts if verdict.drop)

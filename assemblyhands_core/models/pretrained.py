@@ -109,6 +109,23 @@ def start_from_weights(network: OurNetwork, path: Path) -> None:
     network.load_state_dict(load_file(path))
 
 
+def start_from_backbone(encoder: ImageEncoder, path: Path) -> None:
+    """Fill the backbone with that of another of our networks, which has learnt what hands look like.
+
+    Raises:
+        ValueError: The file has no encoder with this backbone.
+    """
+    begin = "encoder.backbone.model."
+    found = {name.removeprefix(begin): tensor for name, tensor in load_file(path).items() if name.startswith(begin)}
+    wanted = encoder.backbone.model.state_dict()
+    if {name: tensor.shape for name, tensor in wanted.items()} != {
+        name: tensor.shape for name, tensor in found.items()
+    }:
+        backbone = json.loads(read_card(path).get("config", "{}")).get("backbone", "none")
+        raise ValueError(f"{path} has another backbone ({backbone}): give weights of a network with the same one.")
+    encoder.backbone.model.load_state_dict(found)
+
+
 def start_from_imagenet(encoder: ImageEncoder) -> None:
     """Fill the backbone, which must be `IMAGENET_BACKBONE`, with ImageNet weights.
 

@@ -19,6 +19,7 @@ from assemblyhands_core.hands.joints import HANDS
 TINY = (
     "train_svegonet.backbone=mobilenetv3_small_050", "train_svegonet.num_levels=2", "train_svegonet.num_channels=8",
     "train_svegonet.image_size_px=64", "train_svegonet.num_depths=8", "train_svegonet.from_imagenet=false",
+    "train_svegonet.backbone_from=null",
     "train_svegonet.num_epochs=1", "train_svegonet.steps_per_epoch=2", "train_svegonet.batch_size=4",
     "train_svegonet.num_loaders=0", "tabulate_ego.num_resamples=100", "predict_ego.min_confidence=0.0",
 )  # fmt: skip

@@ -3,6 +3,8 @@
 import pytest
 import torch
 
+from assemblyhands_core.models import torchvision_operators  # noqa: F401  (before tests import timm)
+
 
 @pytest.fixture(autouse=True, scope="session")
 def one_thread() -> None:

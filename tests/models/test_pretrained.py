@@ -18,6 +18,7 @@ from assemblyhands_core.models.pretrained import (
     load_mvexonet,
     read_card,
     save_weights,
+    start_from_backbone,
     start_from_imagenet,
     timm_name,
 )
@@ -90,6 +91,18 @@ def test_an_encoder_starts_from_them() -> None:
 def test_another_backbone_is_refused() -> None:
     with pytest.raises(ValueError, match="use that backbone"):
         start_from_imagenet(ImageEncoder("mobilenetv3_small_050", 8, 3))
+
+
+def test_a_backbone_is_taken_from_another_of_our_networks(tmp_path: Path) -> None:
+    torch.manual_seed(0)
+    knows_hands = HandKeypointNet(HandKeypointConfig("mobilenetv3_small_050", 2, 8, image_size_px=64))
+    save_weights(tmp_path / "hands.safetensors", knows_hands, {})
+    encoder = ImageEncoder("mobilenetv3_small_050", 16, 2)  # another neck
+    start_from_backbone(encoder, tmp_path / "hands.safetensors")
+    found, wanted = encoder.backbone.model.state_dict(), knows_hands.encoder.backbone.model.state_dict()
+    assert len(found) > 20 and all(torch.equal(found[name], tensor) for name, tensor in wanted.items())
+    with pytest.raises(ValueError, match=r"hands.safetensors has another backbone \(mobilenetv3_small_050\)"):
+        start_from_backbone(ImageEncoder("mobilenetv3_small_050", 16, 3), tmp_path / "hands.safetensors")
 
 
 def test_the_missing_package_is_named(monkeypatch: pytest.MonkeyPatch) -> None:

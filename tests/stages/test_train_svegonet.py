@@ -23,7 +23,9 @@ QUIET = {"turn_deg": 5.0, "flip_share": 0.0, "scale_spread": 0.02}
 def _config(**changes: Any) -> TrainSvegonetConfig:
     values = yaml.safe_load(CONF.read_text())
     values["augmentation"] |= QUIET
-    return TrainSvegonetConfig.model_validate({**values, **SHORT, **NET, "from_imagenet": False, **changes})
+    return TrainSvegonetConfig.model_validate(
+        {**values, **SHORT, **NET, "from_imagenet": False, "backbone_from": None, **changes}
+    )
 
 
 def _named(crops: pa.Table, sequence_id: str) -> pa.Table:
