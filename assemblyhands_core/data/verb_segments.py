@@ -74,8 +74,8 @@ class VerbSegment:
 
     Attributes:
         recording: Its recording.
-        number: Its place among the chosen ones of its recording, by its first frame; with the recording it identifies a segment,
-            as two hands may begin the same at the same frame.
+        number: Its place among the chosen ones of its recording, by first frame and then as in the file. Recording and
+            number identify a segment: two hands may begin the same at the same frame.
         verb: One of those chosen.
         noun: With what.
         first_key: First 60 Hz frame.
