@@ -60,7 +60,7 @@ def test_the_first_source_and_then_by_name() -> None:
 
 def test_sources_of_other_segments() -> None:
     table = pa.concat_tables([_table("a", SAID), _table("b", SAID).slice(0, 4)])
-    with pytest.raises(ValueError, match="b has predictions of 4 segments, a of 5, .* classify the same segments"):
+    with pytest.raises(ValueError, match=r"b has predictions of 4 segments, a of 5, .* classify the same segments"):
         align_sources(table, VERBS, "a", "recording")
     relabelled = pa.concat_tables([_table("a", SAID), _table("b", SAID, verb=["screw"] * 5)])
     with pytest.raises(ValueError, match="not the same"):
