@@ -135,6 +135,15 @@ def test_the_scale_is_the_hands_mean_bone_and_robust() -> None:
     np.testing.assert_allclose(sequence_of(tiny, replace(PLAIN, scale="bones")).values[0, 0, 19, 0], 0.04 / 15)
 
 
+def test_the_scale_is_of_what_was_observed() -> None:
+    """Poses put between others are shorter than hands are where fingers bend on the way."""
+    observed = np.arange(7) < 2
+    nodes = np.where(observed[:, None, None, None], _hand(40.0), _hand(30.0)) * np.ones((7, 2, 1, 1))
+    flags = np.stack([observed] * 2, axis=1)
+    scaled = sequence_of(PoseClip(nodes.astype(np.float32), flags, ~flags, "skeleton"), replace(PLAIN, scale="bones"))
+    assert scaled.values[0, 0, 19, 0] == pytest.approx(1.0)
+
+
 def test_hands_of_any_size_are_alike() -> None:
     config = replace(PLAIN, centre="segment", scale="bones")
     clips = [replace(_clip(5), nodes_mm=np.tile(_hand(bone), (5, 2, 1, 1))) for bone in (30.0, 45.0)]

@@ -105,8 +105,9 @@ def test_withheld_labels_are_counted_and_do_not_cover() -> None:
 )
 def test_the_overlap_is_the_share_that_one_longer_segment_covers(others: list[tuple[int, int]], overlap: float) -> None:
     segments = [*(_segment(*ends, verb="inspect") for ends in others), _segment(10, 19)]
-    (one,) = select_verb_segments(_found(*segments), SIX, {FIRST: range(600)}).segments
-    assert one.overlap == overlap
+    chosen = select_verb_segments(_found(*segments), SIX, {FIRST: range(600)})
+    assert chosen.segments[0].overlap == overlap
+    assert chosen.noted == ({Note.OVERLAPPED: 1} if overlap > 0.5 else {})  # half is not more than half
 
 
 def test_of_two_equal_segments_the_later_is_dropped_by_choice() -> None:
