@@ -186,7 +186,7 @@ def graph_weights(theirs: Mapping[str, Tensor], prefix: str = "") -> dict[str, T
     """Return a graph layer's weights under our names."""
     nodes = theirs["A_res"].shape[1]
     scales = theirs["A_res"].shape[0] // nodes
-    weight = theirs["mlp.layers.0.weight"][..., 0, 0]
+    weight = _matrix(theirs["mlp.layers.0.weight"])
     return {
         prefix + "residual_adjacency": theirs["A_res"].view(scales, nodes, nodes),
         prefix + "weight": weight.view(len(weight), scales, -1).permute(1, 2, 0),
@@ -197,11 +197,10 @@ def graph_weights(theirs: Mapping[str, Tensor], prefix: str = "") -> dict[str, T
 
 def temporal_weights(theirs: Mapping[str, Tensor], prefix: str = "") -> dict[str, Tensor]:
     """Return a temporal layer's weights under our names: branches that start or end alike are one layer there."""
-    ours = {}
+    ours: dict[str, Tensor] = {}
     for kind in ("weight", "bias"):
-        entries = [theirs[f"branches.{branch}.0.{kind}"] for branch in range(5)]
-        ours[f"entry.{kind}"] = torch.cat(entries).flatten(1) if kind == "weight" else torch.cat(entries)
-        ours[f"point.{kind}"] = theirs[f"branches.5.0.{kind}"].squeeze()
+        *entries, point = (_matrix(theirs[f"branches.{branch}.0.{kind}"]) for branch in range(6))
+        ours[f"entry.{kind}"], ours[f"point.{kind}"] = torch.cat(entries), point
         for branch in range(4):
             ours[f"dilated.{branch}.{kind}"] = theirs[f"branches.{branch}.3.conv.{kind}"]
     last = [*(f"branches.{branch}.3.bn." for branch in range(4)), "branches.4.4.", "branches.5.1."]
@@ -209,9 +208,16 @@ def temporal_weights(theirs: Mapping[str, Tensor], prefix: str = "") -> dict[str
         ours[f"entry.norm.{kind}"] = torch.cat([theirs[f"branches.{branch}.1.{kind}"] for branch in range(5)])
         ours[f"norm.{kind}"] = torch.cat([theirs[name + kind] for name in last])
     if "residual.conv.weight" in theirs:
-        ours["skip.weight"], ours["skip.bias"] = theirs["residual.conv.weight"][..., 0, 0], theirs["residual.conv.bias"]
+        ours["skip.weight"], ours["skip.bias"] = (
+            _matrix(theirs[f"residual.conv.{kind}"]) for kind in ("weight", "bias")
+        )
         ours |= _renamed(theirs, "residual.bn.", "skip.norm.")
     return {prefix + name: value for name, value in ours.items()}
+
+
+def _matrix(parameter: Tensor) -> Tensor:
+    """Return a 1 × 1 convolution's parameter as a linear layer's."""
+    return parameter[..., 0, 0] if parameter.ndim == 4 else parameter
 
 
 def _below(weights: Mapping[str, Tensor], prefix: str) -> dict[str, Tensor]:

@@ -88,10 +88,8 @@ class GraphConvolution(nn.Module):
         self.bias = nn.Parameter(torch.zeros(num_outputs))
         self.norm = ChannelNorm(num_outputs)
 
-    def forward(
-        self, x: Float[Tensor, "hand frame joint input"]
-    ) -> Float[Tensor, "hand window joint window_frame output"]:
-        """Return the joints of all frames of each window; frames outside of the sequence are zero."""
+    def forward(self, x: Float[Tensor, "hand frame joint input"]) -> Float[Tensor, "hand window joint place output"]:
+        """Return the joints at all places of each window; frames outside of the sequence are zero."""
         weight: Tensor = self.weight
         bias: Tensor = self.bias
         if not self.training:
@@ -109,8 +107,8 @@ class GraphConvolution(nn.Module):
         x: Float[Tensor, "hand frame joint input"],
         weight: Float[Tensor, "scale input output"],
         bias: Float[Tensor, " output"],
-        mixing: Float[Tensor, "scale window joint window joint"],
-    ) -> Float[Tensor, "hand window joint_frame output"]:
+        mixing: Float[Tensor, "scale place joint place joint"],
+    ) -> Float[Tensor, "hand window joint_place output"]:
         rows = mixing.permute(2, 1, 3, 4, 0).flatten(2).flatten(0, 1)
         return mix_windows(x, weight.transpose(0, 1).flatten(1), rows, bias, self.window, self.stride)
 
@@ -119,8 +117,8 @@ class GraphConvolution(nn.Module):
         x: Float[Tensor, "hand frame joint input"],
         weight: Float[Tensor, "scale input output"],
         bias: Float[Tensor, " output"],
-        mixing: Float[Tensor, "scale window joint window joint"],
-    ) -> Float[Tensor, "hand window joint_frame output"]:
+        mixing: Float[Tensor, "scale place joint place joint"],
+    ) -> Float[Tensor, "hand window joint_place output"]:
         reach = self.window // 2
         windows = F.pad(x, (0, 0, 0, 0, reach, reach)).unfold(1, self.window, self.stride)
         columns = mixing.permute(4, 3, 2, 1, 0).flatten(2).flatten(0, 1)

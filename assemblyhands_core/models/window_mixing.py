@@ -35,6 +35,7 @@ def mix_windows(
         window: Frames of a window, an odd number.
         stride: Frames from a window to the next.
     """
+    features = features.to(weight.dtype)  # in mixed precision layers before it give less than the parameters have
     mixed: Tensor = _MixWindows.apply(features, weight, mixing, bias, window, stride)  # type: ignore[no-untyped-call]
     return mixed
 
