@@ -9,7 +9,8 @@ from typing import Any, Literal
 from omegaconf import DictConfig, OmegaConf
 from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, ValidationError
 
-from pipeline.dag import CROP_EDGE, TAKE_EDGE, Dag, build_dag
+from pipeline.dag import build_dag
+from pipeline.graph import CROP_EDGE, TAKE_EDGE, Dag
 from stages._contract import StageConfig
 
 CONF_FOLDER = Path(__file__).resolve().parents[1] / "conf"

@@ -1,16 +1,24 @@
-"""The whole way of the data on one screen, and the rules that it keeps to."""
+"""The whole way of the data."""
 
-from collections.abc import Collection, Mapping
-from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
-from assemblyhands_core.data.catalog import CHUNKS, MEMBERS, SOURCES
-from assemblyhands_core.data.studio_tables import CROP_ORDERS, TAKES
-from assemblyhands_core.data.tables import TableSpec
+from pipeline.graph import (
+    ACTION_EDGE,
+    CROP_EDGE,
+    EGO_EDGE,
+    LABEL_EDGE,
+    MEMBER_EDGE,
+    SOURCE_EDGE,
+    TAKE_EDGE,
+    TRUTH_EDGE,
+    Dag,
+)
 from stages import (
     annotate_round,
     audit_recording,
+    classify_verbs,
     crop_hands,
+    cut_verb_clips,
     deliver_recording,
     detect_hands,
     detect_keypoints,
@@ -18,6 +26,7 @@ from stages import (
     draw_crops,
     draw_ego_sheet,
     draw_overlays,
+    draw_verb_clips,
     evaluate,
     evaluate_ego,
     film_take,
@@ -33,142 +42,18 @@ from stages import (
     smooth_joints,
     start_from_truth,
     tabulate_ego,
+    tabulate_verbs,
     train_body_keypoints,
     train_keypoints,
     train_mvexonet,
     train_svegonet,
+    train_verbs,
     triangulate,
+    triangulate_ego,
     undistort,
     use_weights,
     write_ego_pictures,
 )
-from stages._contract import Sharding, Stage
-
-SOURCE_EDGE: Final = "sources"  # the recording's own files, as the engine finds them
-TAKE_EDGE: Final = "takes"  # what the studio is to record, as the manifest orders it
-LABEL_EDGE: Final = "label_sources"  # what people annotated in the recording
-MEMBER_EDGE: Final = "members"  # which sequences a run is about, and the split of each
-TRUTH_EDGE: Final = "truth"  # files of the recording's ground truth, which evaluation alone may read
-EGO_EDGE: Final = "ego_sources"  # the headset's own files, so that the fixed cameras' results do not depend on them
-CROP_EDGE: Final = "crop_orders"  # which crops the studio is to draw for training, as the manifest orders it
-ORIGINS: Final[Mapping[str, TableSpec]] = {
-    SOURCE_EDGE: SOURCES,
-    EGO_EDGE: SOURCES,
-    LABEL_EDGE: SOURCES,
-    MEMBER_EDGE: MEMBERS,
-    TAKE_EDGE: TAKES,
-    CROP_EDGE: CROP_ORDERS,
-    TRUTH_EDGE: SOURCES,
-}
-"""Edges that come from outside, and their tables."""
-
-
-@dataclass(frozen=True)
-class Node:
-    """A stage's place in the DAG: under which name it runs and which node's table fills each of its roles.
-
-    Attributes:
-        shard: how often it runs: what its stage says, or for the set of all sequences where a sequence would do.
-        chunk_edge: the edge upstream whose table says into which chunks a sequence is cut; empty before it is cut.
-    """
-
-    name: str
-    stage: Stage[Any]
-    inputs: Mapping[str, str]
-    upstream_stages: Mapping[str, str]
-    shard: Sharding
-    chunk_edge: str
-
-    @property
-    def cut(self) -> str:
-        """Return the output that cuts a sequence into chunks, empty if this node does not."""
-        return next((name for name, spec in self.stage.outputs.items() if spec is CHUNKS), "")
-
-    @property
-    def upstream(self) -> tuple[str, ...]:
-        """Return the nodes that this one reads from."""
-        return tuple(self.upstream_stages)
-
-
-class Dag:
-    """Nodes in the order in which they were added; every edge points back."""
-
-    def __init__(self) -> None:
-        self.nodes: dict[str, Node] = {}
-        self.targets: dict[str, tuple[str, ...]] = {}  # what a user asks for → the nodes that it stands for
-
-    def add(self, name: str, stage: Stage[Any], **inputs: str) -> None:
-        """Add a node; ``inputs`` maps each role of the stage to ``"node.output"`` or one of ``ORIGINS``.
-
-        Raises:
-            ValueError: on a repeated name, an unknown or missing role, a forward reference or the wrong table.
-        """
-        self._add(name, stage, inputs, stage.shard)
-
-    def add_for_set(self, name: str, stage: Stage[Any], inputs: Mapping[str, str]) -> None:
-        """Add a stage that is made for a sequence for the set of all: its tables are those of all sequences."""
-        self._add(name, stage, inputs, "set")
-
-    def _add(self, name: str, stage: Stage[Any], inputs: Mapping[str, str], shard: Sharding) -> None:
-        if name in self.nodes:
-            raise ValueError(f"node {name} is added twice")
-        if set(inputs) != set(stage.inputs):
-            raise ValueError(
-                f"node {name}: stage {stage.name} has the roles {sorted(stage.inputs)}, not {sorted(inputs)}"
-            )
-        for role, edge in inputs.items():
-            self._check_edge(name, stage, role, edge)
-        sources = {edge.split(".")[0] for edge in inputs.values() if edge not in ORIGINS}
-        upstream = {source: self.nodes[source].stage.name for source in self.nodes if source in sources}
-        chunk_edge = self._chunk_edge(stage, inputs, upstream)
-        self._check_chunks(name, shard, chunk_edge, upstream)
-        self.nodes[name] = Node(name, stage, inputs, upstream, shard, chunk_edge)
-
-    def upto(self, targets: tuple[str, ...], absent: Collection[str] = ()) -> list[Node]:
-        """Return the nodes that the targets need, in order; not those that an absent origin of ``ORIGINS`` leads to."""
-        impossible: set[str] = set()
-        for node in self.nodes.values():
-            is_without = impossible.intersection(node.upstream) or not set(absent).isdisjoint(node.inputs.values())
-            if is_without and node.shard != "set":  # others may bring what a set needs
-                impossible.add(node.name)
-        wanted = set(targets) - impossible
-        for node in reversed(self.nodes.values()):
-            if node.name in wanted:
-                wanted.update(set(node.upstream) - impossible)
-        return [node for node in self.nodes.values() if node.name in wanted]
-
-    def reads(self, edge: str, targets: tuple[str, ...]) -> bool:
-        """Tell whether targets start from one of `ORIGINS`."""
-        return any(edge in node.inputs.values() for node in self.upto(targets))
-
-    def _chunk_edge(self, stage: Stage[Any], inputs: Mapping[str, str], upstream: Mapping[str, str]) -> str:
-        """Return the chunks that a node is told, or else those of the first node upstream that has any."""
-        told = [edge for role, edge in inputs.items() if stage.inputs[role] is CHUNKS]
-        nodes = [self.nodes[name] for name in upstream]
-        found = [f"{n.name}.{n.cut}" if n.cut else n.chunk_edge for n in nodes if n.cut or n.chunk_edge]
-        return next(iter([*told, *found]), "")
-
-    def _check_chunks(self, name: str, shard: Sharding, chunk_edge: str, upstream: Mapping[str, str]) -> None:
-        others = [self.nodes[other] for other in upstream if self.nodes[other].shard == "chunk"]
-        odd = [other for other in others if shard == "chunk" and other.chunk_edge != chunk_edge]
-        if odd:
-            cuts = f"{chunk_edge}, {odd[0].name} by {odd[0].chunk_edge}"
-            raise ValueError(f"node {name} is cut by {cuts}: their chunks do not belong together")
-
-    def _check_edge(self, name: str, stage: Stage[Any], role: str, edge: str) -> None:
-        wanted = stage.inputs[role]
-        if edge in ORIGINS:
-            found = ORIGINS[edge]
-        else:
-            source, _, output = edge.partition(".")
-            if source not in self.nodes:
-                raise ValueError(f"node {name}: role {role} reads {edge}, but no node {source} comes before it")
-            outputs = self.nodes[source].stage.outputs
-            if output not in outputs:
-                raise ValueError(f"node {name}: role {role} reads {edge}, but {source} has only {', '.join(outputs)}")
-            found = outputs[output]
-        if found is not wanted:
-            raise ValueError(f"node {name}: role {role} takes table {wanted.name}, {edge} is table {found.name}")
 
 
 def build_dag(num_rounds: int = 3) -> Dag:
@@ -182,6 +67,7 @@ def build_dag(num_rounds: int = 3) -> Dag:
     _add_own_training(dag)
     _add_egocentric(dag, f"round_{num_rounds}")
     evaluations = _add_evaluation(dag, num_rounds)
+    _add_verbs(dag, f"round_{num_rounds}")
     dag.targets |= {
         "annotate": ("quality", "overlay", *evaluations),
         "smooth": ("quality", "overlay", *evaluations, "smoothed", "evaluation_smoothed"),
@@ -193,6 +79,10 @@ def build_dag(num_rounds: int = 3) -> Dag:
         "train_ego": ("svegonet_both", "ego_evaluation_both"),
         "cross": tuple(f"ego_evaluation_{labels}" for labels in ("manual", "automatic", "both")),
         "predict": ("predict_ego", "predict_manual", "ego_evaluation", "ego_sheet"),
+        "ego_only": ("evaluation_ego_only", "evaluation_ego_only_manual"),
+        "verbs": ("verb_table", "verb_table_manual"),
+        "train_verbs": ("own_verb_table", "own_verb_table_manual"),
+        "verb_weights": ("drawn_verb_weights", "drawn_verbs"),
         "simulate": ("delivery", "preview"),
         "training_data": ("training_crops", "body_views"),
         "train": ("body_weights", "keypoint_weights", "mvexonet_weights"),
@@ -336,7 +226,7 @@ def _add_egocentric(dag: Dag, last: str) -> None:
     dag.add("project_ego", project_ego.STAGE, **automatic)
     dag.add("project_manual", project_ego.STAGE, **manual)
     dag.add("ego_pictures", write_ego_pictures.STAGE, **automatic)
-    dag.add("svegonet", use_weights.STAGE)
+    dag.add("svegonet", use_weights.SVEGONET)
     _add_prediction(dag, "", "svegonet.weights")
     seen = {"views": "ingest.views", "crops": "project_ego.crops", "hands": "predict_ego.hands"}
     dag.add("ego_sheet", draw_ego_sheet.STAGE, **seen)
@@ -360,6 +250,43 @@ def _add_prediction(dag: Dag, suffix: str, weights: str) -> None:
     dag.add(f"ego_evaluation{suffix}", tabulate_ego.STAGE, members=MEMBER_EDGE, **errors)
 
 
+def _add_verbs(dag: Dag, last: str) -> None:
+    """Add how verbs are told from poses (paper, Sec. 5), by our labels or people's: each source of poses has its part.
+
+    The shipped network was trained on poses that the studio drew, the `own_` ones on the source that they are for.
+    """
+    drawn = {"orders": CROP_EDGE, "chunks": "crop_plan.chunks"}
+    dag.add("drawn_verb_clips", draw_verb_clips.STAGE, **drawn)
+    dag.add("drawn_verb_weights", train_verbs.STAGE, members=MEMBER_EDGE, clips="drawn_verb_clips.clips")
+    _add_classification(dag, "drawn_verbs", "drawn_verb_clips", "drawn_verb_clips", "drawn_verb_weights")
+    dag.add("msg3d", use_weights.MSG3D)
+    for suffix, views, annotation, found in (
+        ("", "ingest.views", f"{last}.joints", "ego"),
+        ("_manual", "ingest_ego.views", "ingest_ego.joints", "manual"),
+    ):
+        dag.add(f"ego_only{suffix}", triangulate_ego.STAGE, crops=f"project_{found}.crops")
+        _add_one_evaluation(dag, f"evaluation_ego_only{suffix}", f"ego_only{suffix}", views.split(".")[0])
+        poses = {
+            "annotation": annotation,
+            "svegonet": f"predict_{found}.joints",
+            "ego_only": f"ego_only{suffix}.joints",
+        }
+        for source, joints in poses.items():
+            name = f"{source}{suffix}"
+            dag.add(f"clips_{name}", cut_verb_clips.STAGE, actions=ACTION_EDGE, views=views, joints=joints)
+            dag.add(f"msg3d_{name}", train_verbs.STAGE, members=MEMBER_EDGE, clips=f"clips_{name}.clips")
+            for begin, network in (("", "msg3d"), ("own_", f"msg3d_{name}")):
+                _add_classification(dag, f"{begin}verbs_{name}", f"clips_{name}", f"clips_annotation{suffix}", network)
+        for begin in ("", "own_"):
+            found_verbs = {source: f"{begin}verbs_{source}{suffix}.predictions" for source in poses}
+            dag.add(f"{begin}verb_table{suffix}", tabulate_verbs.STAGE, members=MEMBER_EDGE, **found_verbs)
+
+
+def _add_classification(dag: Dag, name: str, clips: str, reference: str, network: str) -> None:
+    tables = {"clips": f"{clips}.clips", "reference": f"{reference}.clips", "weights": f"{network}.weights"}
+    dag.add(name, classify_verbs.STAGE, **tables)
+
+
 def _add_evaluation(dag: Dag, num_rounds: int) -> tuple[str, ...]:
     """Add how each round is held against the truth, on its own, so that a further round leaves the others' figures.
 
@@ -375,8 +302,8 @@ def _add_evaluation(dag: Dag, num_rounds: int) -> tuple[str, ...]:
     return names
 
 
-def _add_one_evaluation(dag: Dag, name: str, judged: str) -> None:
-    dag.add(name, evaluate.STAGE, chunks="ingest.chunks", truth=TRUTH_EDGE, joints=f"{judged}.joints")
+def _add_one_evaluation(dag: Dag, name: str, judged: str, cut_by: str = "ingest") -> None:
+    dag.add(name, evaluate.STAGE, chunks=f"{cut_by}.chunks", truth=TRUTH_EDGE, joints=f"{judged}.joints")
 
 
 LOOKING_TARGETS: Final = frozenset({"doctor"})

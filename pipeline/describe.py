@@ -5,12 +5,23 @@ from collections.abc import Iterator
 import pyarrow as pa
 
 from assemblyhands_core.data.tables import TableSpec
-from pipeline.dag import CROP_EDGE, EGO_EDGE, LABEL_EDGE, MEMBER_EDGE, SOURCE_EDGE, TAKE_EDGE, TRUTH_EDGE, Dag
+from pipeline.graph import (
+    ACTION_EDGE,
+    CROP_EDGE,
+    EGO_EDGE,
+    LABEL_EDGE,
+    MEMBER_EDGE,
+    SOURCE_EDGE,
+    TAKE_EDGE,
+    TRUTH_EDGE,
+    Dag,
+)
 
 _ORIGINS = {
     SOURCE_EDGE: "the recording's files",
     EGO_EDGE: "the headset's files",
     LABEL_EDGE: "the recording's annotations",
+    ACTION_EDGE: "the recording's fine-grained labels",
     MEMBER_EDGE: "the manifest's sequences and splits",
     TAKE_EDGE: "the manifest's order",
     CROP_EDGE: "the manifest's order of crops",

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from assemblyhands_core.data.store import Record, Store
-from pipeline.dag import Node
+from pipeline.graph import Node
 from pipeline.tasks import Shard
 
 

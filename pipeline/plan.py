@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from assemblyhands_core.data.store import DamagedEntry, Store
-from pipeline.dag import Node
+from pipeline.graph import Node
 from pipeline.history import History
 from pipeline.tasks import Task, find_entry, key_parts
 from pipeline.work import SequenceWork

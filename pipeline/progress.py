@@ -9,7 +9,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, TaskID, TextColumn, Tim
 from rich.progress import Progress as Bars
 from rich.progress import Task as RichTask
 
-from pipeline.dag import Node
+from pipeline.graph import Node
 from pipeline.tasks import Result
 from pipeline.work import Handle, SequenceWork
 

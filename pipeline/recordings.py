@@ -13,7 +13,7 @@ from assemblyhands_core.data.layout import DatasetLayout
 from assemblyhands_core.data.packages import PackageError, fetch_package
 from assemblyhands_core.data.split_files import ACTIONS_SHARE, EGO_SHARE, JOINTS_SHARE
 from pipeline.config import RunConfig, UserError
-from pipeline.dag import EGO_EDGE, LABEL_EDGE, SOURCE_EDGE, TRUTH_EDGE
+from pipeline.graph import ACTION_EDGE, EGO_EDGE, LABEL_EDGE, SOURCE_EDGE, TRUTH_EDGE
 from pipeline.manifests import MANIFESTS, ManifestRow, checked_name, select_rows
 from pipeline.takes import CROPS_PACKAGE, HEADSET, STUDIO_PACKAGE, studio_folder
 
@@ -67,6 +67,7 @@ class Recording:
         return {
             SOURCE_EDGE: self._rows(self._rig_files(), digests),
             LABEL_EDGE: self._rows(self._label_files(), digests),
+            ACTION_EDGE: self._rows(self._action_files(), digests),
             EGO_EDGE: self._rows(self._ego_files(), digests),
             TRUTH_EDGE: self._rows(true, digests),
         }
@@ -80,13 +81,16 @@ class Recording:
         if self.labels is not None:
             yield "labels", self.label_name, self.labels
 
+    def _action_files(self) -> Iterator[tuple[str, str, Path]]:
+        if self.actions is not None:
+            yield "actions", "fine_grained", self.actions
+
     def _ego_files(self) -> Iterator[tuple[str, str, Path]]:
         if self.ego_calibration is None or not (self.ego_videos or self.ego_images):
             return
         yield "ego_calibration", "ego_calibration", self.ego_calibration
         yield from self._label_files()
-        if self.actions is not None:
-            yield "actions", "fine_grained", self.actions
+        yield from self._action_files()
         if self.ego_images is not None and self.ego_image_folder is not None:
             yield "ego_images", "ego_data", self.ego_images
             yield "ego_image_folder", "images", self.ego_image_folder

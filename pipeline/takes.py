@@ -13,7 +13,7 @@ from assemblyhands_core.synthetic.crop_draws import FIRST_SUBJECT
 from assemblyhands_core.synthetic.rig import RIGS
 from assemblyhands_core.synthetic.session import RATE_HZ
 from pipeline.config import RunConfig, UserError
-from pipeline.dag import CROP_EDGE, TAKE_EDGE
+from pipeline.graph import CROP_EDGE, TAKE_EDGE
 from pipeline.manifests import ManifestRow, select_rows
 
 STUDIO_PACKAGE: Final = "synthetic"

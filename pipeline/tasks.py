@@ -16,7 +16,7 @@ import pyarrow as pa
 
 from assemblyhands_core.data.digests import digest_json
 from assemblyhands_core.data.store import DamagedEntry, Output, Record, Store
-from pipeline.dag import ORIGINS, Node
+from pipeline.graph import ORIGINS, Node
 from pipeline.shard_log import shard_log
 from stages._contract import Context, Stage, StageConfig
 

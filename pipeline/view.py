@@ -16,7 +16,8 @@ from assemblyhands_core.data.digests import digest_json
 from assemblyhands_core.data.provenance import code_commit
 from assemblyhands_core.data.store import Store
 from pipeline.config import RunConfig
-from pipeline.dag import LOOKING_TARGETS, Node
+from pipeline.dag import LOOKING_TARGETS
+from pipeline.graph import Node
 from pipeline.tasks import Result
 
 _LATEST = "latest"

@@ -8,7 +8,7 @@ from typing import Any
 from assemblyhands_core.data.catalog import CHUNKS
 from assemblyhands_core.data.store import DamagedEntry, Store
 from pipeline.config import RunConfig, UserError
-from pipeline.dag import MEMBER_EDGE, ORIGINS, Node
+from pipeline.graph import MEMBER_EDGE, ORIGINS, Node
 from pipeline.recordings import Recording
 from pipeline.takes import OrderedTake
 from pipeline.tasks import Result, Shard, Task

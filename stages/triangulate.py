@@ -5,7 +5,7 @@ views agree on it, how well, or why there is none (supplement: "either too few 2
 error").
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -19,10 +19,10 @@ from assemblyhands_core.data.keypoint_rows import hand_codes, keypoints_by_view,
 from assemblyhands_core.data.outcomes import outcome_columns
 from assemblyhands_core.geometry.triangulation import Triangulation, triangulate
 from assemblyhands_core.hands.joints import HANDS, NUM_JOINTS
+from assemblyhands_core.hands.strays import without_strays
 from stages._contract import Context, Stage, StageConfig, Tables
 
 _SOURCE, _ROUND = "2d_triangulation", 0
-_OUTSIDE_HAND = "outside_hand"
 
 Floats = npt.NDArray[np.floating]
 Indices = npt.NDArray[np.int64]
@@ -70,7 +70,7 @@ def run(config: TriangulateConfig, inputs: Tables, context: Context) -> Tables:
         min_views=config.min_views,
         min_parallax_rad=config.min_parallax_rad,
     )
-    found = _without_strays(found, config.max_span_mm)
+    found = without_strays(found, config.max_span_mm)
     return {"joints": _joints(hands, found, pixels, context), "residuals": _residuals(keypoints, hands, found)}
 
 
@@ -80,23 +80,6 @@ def _group(keypoints: pa.Table, camera_ids: list[str]) -> _Hands:
     row_view = positions(keypoints.column("camera_id"), camera_ids)
     names = np.array(HANDS, dtype=object)
     return _Hands(codes // len(HANDS), names[codes % len(HANDS)], row_hand, row_view)
-
-
-def _without_strays(found: Triangulation, max_span_mm: float) -> Triangulation:
-    """Take back joints that lie farther than that from the middle of their hand, the median of its joints.
-
-    Views from nearly opposite sides agree on almost anything along the line between them, however far off.
-    """
-    points = found.points_world_mm.reshape(-1, NUM_JOINTS, 3)
-    middle = np.full((len(points), 1, 3), np.nan)
-    has_any = np.isfinite(points).any(axis=(1, 2))
-    middle[has_any] = np.nanmedian(points[has_any], axis=1, keepdims=True)
-    is_stray = (np.linalg.norm(points - middle, axis=-1) > max_span_mm).ravel()
-    return replace(
-        found,
-        points_world_mm=np.where(is_stray[:, None], np.nan, found.points_world_mm),
-        status=np.where(is_stray, _OUTSIDE_HAND, found.status),
-    )
 
 
 def _joints(hands: _Hands, found: Triangulation, pixels: Floats, context: Context) -> pa.Table:

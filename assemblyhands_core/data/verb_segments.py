@@ -9,12 +9,16 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from typing import Final
 
 import numpy as np
 from jaxtyping import Float64
 
 from assemblyhands_core.data.assemblyhands import KEY_RATE_HZ
 from assemblyhands_core.data.fine_grained import PAPER_VERBS, VERBS, FineGrained, Segment
+
+UNKNOWN_NOUN: Final = -1
+"""The place of an object that is none of those a network knows."""
 
 
 class Drop(StrEnum):

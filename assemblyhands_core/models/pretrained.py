@@ -20,10 +20,11 @@ from torch import Tensor, nn
 
 from assemblyhands_core.models.encoder import ImageEncoder
 from assemblyhands_core.models.hand_keypoints import HandKeypointConfig, HandKeypointNet
+from assemblyhands_core.models.msg3d import MSG3D, MSG3DConfig
 from assemblyhands_core.models.mvexonet import MVExoNet, MVExoNetConfig
 from assemblyhands_core.models.svegonet import SVEgoNet, SVEgoNetConfig
 
-OurNetwork = MVExoNet | HandKeypointNet | SVEgoNet
+OurNetwork = MVExoNet | HandKeypointNet | SVEgoNet | MSG3D
 Network = TypeVar("Network", bound=nn.Module)
 
 IMAGENET_BACKBONE: Final = "tf_efficientnet_lite0"
@@ -95,6 +96,15 @@ def load_svegonet(path: Path) -> SVEgoNet:
     """
     network = SVEgoNet(SVEgoNetConfig(**_config(path, "SVEgoNet")))
     return _filled(network, path)
+
+
+def load_msg3d(path: Path) -> MSG3D:
+    """Build MS-G3D as a weights file describes it, for evaluation.
+
+    Raises:
+        ValueError: The file is of another network.
+    """
+    return _filled(MSG3D(MSG3DConfig(**_config(path, "MSG3D"))), path)
 
 
 def start_from_weights(network: OurNetwork, path: Path) -> None:

@@ -103,18 +103,23 @@ class Take:
         """Return everything that moves at any instant, independently of what was asked before."""
         now = self.tracks.at(t_s)
         hands = {hand: HandPose(hand, now.T_world_from(hand), now.angles_rad(hand)) for hand in HANDS}
-        joints = [forward_kinematics(self.subject.hand_shape.skeleton, hands[hand]) for hand in HANDS]
         followed = self._followed_mm(t_s)
         posture = sit(self.subject, {hand: hands[hand].T_world_from_wrist for hand in HANDS}, followed)
         return State(
             t_s=t_s,
             hands=hands,
-            joints_world_mm=np.concatenate(joints),
+            joints_world_mm=self.joints_at(t_s),
             T_world_from_part={name: now.T_world_from(name) for name in self.parts.parts},
             posture=posture,
             T_headset_from_world=self.gaze.T_headset_from_world(t_s, posture, followed),
             segments=tuple(segment for segment in self.segments if segment.start_s <= t_s < segment.end_s),
         )
+
+    def joints_at(self, t_s: float) -> Float64[np.ndarray, "42 3"]:
+        """Return the joints alone, right hand first: less than half of the work of `state_at`."""
+        now, skeleton = self.tracks.at(t_s), self.subject.hand_shape.skeleton
+        poses = [HandPose(hand, now.T_world_from(hand), now.angles_rad(hand)) for hand in HANDS]
+        return np.concatenate([forward_kinematics(skeleton, pose) for pose in poses])
 
     def _followed_mm(self, t_s: float) -> Mapping[Hand, Float64[np.ndarray, "3"]]:
         """The hands' mean places around an instant: a little ahead of the wrists."""

@@ -8,8 +8,10 @@ from torch import Tensor
 
 from assemblyhands_core.hands.joints import NUM_JOINTS, WRIST
 from assemblyhands_core.models.hand_keypoints import HandKeypointNet, KeypointEstimate
+from assemblyhands_core.models.msg3d import MSG3D
 from assemblyhands_core.models.mvexonet import HandEstimate, MVExoNet
 from assemblyhands_core.models.svegonet import SVEgoNet
+from assemblyhands_core.models.verb_classification import object_features
 from assemblyhands_core.training.loop import Batch, Samples, Task
 
 _NEAR: Final = 1e-6  # of a depth, so that what is behind a camera divides by something
@@ -78,6 +80,23 @@ def ego_task(network: SVEgoNet, training: Samples, held_out: Samples) -> Task:
         joints = rays.sum(dim=-1) * (found.depth_mm + batch["wrist_depth_mm"])[..., None]
         relative = (_from_wrist(joints), _from_wrist(batch["joints_camera_mm"]))
         return mean_distance(*relative, batch["is_valid"] & batch["is_own"])
+
+    return Task(network, loss, error, training, held_out)
+
+
+def verb_task(network: MSG3D, training: Samples, held_out: Samples) -> Task:
+    """Return MS-G3D's task: the verb of a clip of poses, judged by the share of wrong answers in percent."""
+
+    def logits(batch: Batch) -> Tensor:
+        told = object_features(batch["noun"], network.config.num_frame_features, batch["poses"].shape[2])
+        return network(batch["poses"], told)  # type: ignore[no-any-return]
+
+    def loss(batch: Batch) -> Tensor:
+        return torch.nn.functional.cross_entropy(logits(batch), batch["verb"])
+
+    def error(batch: Batch) -> tuple[Tensor, Tensor]:
+        is_wrong = logits(batch).argmax(dim=-1) != batch["verb"]
+        return 100.0 * is_wrong.float().mean(), torch.tensor(len(is_wrong), device=is_wrong.device)
 
     return Task(network, loss, error, training, held_out)
 

@@ -17,13 +17,12 @@ from jaxtyping import Float64, Int64
 from assemblyhands_core.data.arrays import evenly_spread
 from assemblyhands_core.data.pose_clips import PoseClip
 from assemblyhands_core.data.pose_sequences import PoseSequenceConfig, sequence_of
+from assemblyhands_core.data.verb_segments import UNKNOWN_NOUN
 
 Mirroring = Literal["off", "acyclic", "relabel"]
 
 CYCLIC_VERBS: Final = ("screw", "unscrew")
 """Verbs that turn something, in one sense and in the other: mirrored, each is the other."""
-
-UNKNOWN_NOUN: Final = -1
 
 
 @dataclass(frozen=True)

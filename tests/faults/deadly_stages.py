@@ -12,8 +12,8 @@ from rich.console import Console
 from assemblyhands_core.data.catalog import CHUNKS, SOURCES
 from assemblyhands_core.data.store import Store
 from pipeline.config import ExecutorConfig, GcConfig, RigConfig, RunConfig
-from pipeline.dag import SOURCE_EDGE, Dag
 from pipeline.executors import open_executor
+from pipeline.graph import SOURCE_EDGE, Dag
 from pipeline.progress import Progress
 from pipeline.recordings import Recording
 from pipeline.runner import Runner, results

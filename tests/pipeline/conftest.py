@@ -15,8 +15,8 @@ from assemblyhands_core.data.digests import FileDigests
 from assemblyhands_core.data.store import Store
 from assemblyhands_core.data.tables import TableSpec
 from pipeline.config import ExecutorConfig, GcConfig, RigConfig, RunConfig
-from pipeline.dag import MEMBER_EDGE, SOURCE_EDGE, TRUTH_EDGE, Dag
 from pipeline.executors import SerialExecutor
+from pipeline.graph import MEMBER_EDGE, SOURCE_EDGE, TRUTH_EDGE, Dag
 from pipeline.history import History
 from pipeline.plan import PlannedNode, make_plan
 from pipeline.progress import Progress

@@ -3,7 +3,8 @@ from dataclasses import replace
 import pytest
 
 from assemblyhands_core.data.catalog import CHUNKS, SOURCES, VIEWS
-from pipeline.dag import SOURCE_EDGE, TRUTH_EDGE, Dag, build_dag
+from pipeline.dag import build_dag
+from pipeline.graph import SOURCE_EDGE, TRUTH_EDGE, Dag
 from stages._contract import Stage, StageConfig
 
 

@@ -18,8 +18,8 @@ from assemblyhands_core.data.digests import FileDigests
 from assemblyhands_core.data.layout import DatasetLayout
 from assemblyhands_core.hands.joints import HANDS
 from assemblyhands_core.synthetic.rig import assembly_rig
-from pipeline.dag import EGO_EDGE
 from pipeline.exporting import export
+from pipeline.graph import EGO_EDGE
 from pipeline.manifests import ManifestRow
 from pipeline.recordings import Recording, from_release
 from stages._contract import Context

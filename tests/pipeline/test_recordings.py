@@ -4,7 +4,7 @@ import pytest
 
 from assemblyhands_core.data.digests import FileDigests
 from pipeline.config import ExecutorConfig, GcConfig, RigConfig, RunConfig, UserError
-from pipeline.dag import SOURCE_EDGE, TRUTH_EDGE
+from pipeline.graph import SOURCE_EDGE, TRUTH_EDGE
 from pipeline.recordings import select_recordings
 
 HEADER = "sequence_id,split,calibration,videos,package\n"

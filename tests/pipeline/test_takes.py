@@ -7,7 +7,8 @@ import pytest
 from assemblyhands_core.data.digests import FileDigests
 from assemblyhands_core.data.studio_tables import CROP_ORDERS, TAKES
 from pipeline.config import ExecutorConfig, GcConfig, RigConfig, RunConfig, UserError
-from pipeline.dag import CROP_EDGE, TAKE_EDGE, build_dag
+from pipeline.dag import build_dag
+from pipeline.graph import CROP_EDGE, TAKE_EDGE
 from pipeline.recordings import select_recordings
 from pipeline.takes import absent_takes, select_takes
 

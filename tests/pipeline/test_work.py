@@ -4,7 +4,7 @@ from typing import Any
 import pytest
 
 from pipeline.config import UserError
-from pipeline.dag import SOURCE_EDGE, TRUTH_EDGE
+from pipeline.graph import SOURCE_EDGE, TRUTH_EDGE
 from pipeline.work import possible_nodes
 
 

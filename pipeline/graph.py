@@ -1,0 +1,138 @@
+"""What a DAG of stages is: nodes, the edges between them, what comes from outside, and the rules that it keeps to."""
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from typing import Any, Final
+
+from assemblyhands_core.data.catalog import CHUNKS, MEMBERS, SOURCES
+from assemblyhands_core.data.studio_tables import CROP_ORDERS, TAKES
+from assemblyhands_core.data.tables import TableSpec
+from stages._contract import Sharding, Stage
+
+SOURCE_EDGE: Final = "sources"  # the recording's own files, as the engine finds them
+TAKE_EDGE: Final = "takes"  # what the studio is to record, as the manifest orders it
+LABEL_EDGE: Final = "label_sources"  # what people annotated in the recording
+MEMBER_EDGE: Final = "members"  # which sequences a run is about, and the split of each
+TRUTH_EDGE: Final = "truth"  # files of the recording's ground truth, which evaluation alone may read
+ACTION_EDGE: Final = "action_sources"  # what is being done when, as a file of fine-grained labels says
+EGO_EDGE: Final = "ego_sources"  # the headset's own files, so that the fixed cameras' results do not depend on them
+CROP_EDGE: Final = "crop_orders"  # which crops the studio is to draw for training, as the manifest orders it
+ORIGINS: Final[Mapping[str, TableSpec]] = {
+    SOURCE_EDGE: SOURCES,
+    EGO_EDGE: SOURCES,
+    LABEL_EDGE: SOURCES,
+    ACTION_EDGE: SOURCES,
+    MEMBER_EDGE: MEMBERS,
+    TAKE_EDGE: TAKES,
+    CROP_EDGE: CROP_ORDERS,
+    TRUTH_EDGE: SOURCES,
+}
+"""Edges that come from outside, and their tables."""
+
+
+@dataclass(frozen=True)
+class Node:
+    """A stage's place in the DAG: under which name it runs and which node's table fills each of its roles.
+
+    Attributes:
+        shard: how often it runs: what its stage says, or for the set of all sequences where a sequence would do.
+        chunk_edge: the edge upstream whose table says into which chunks a sequence is cut; empty before it is cut.
+    """
+
+    name: str
+    stage: Stage[Any]
+    inputs: Mapping[str, str]
+    upstream_stages: Mapping[str, str]
+    shard: Sharding
+    chunk_edge: str
+
+    @property
+    def cut(self) -> str:
+        """Return the output that cuts a sequence into chunks, empty if this node does not."""
+        return next((name for name, spec in self.stage.outputs.items() if spec is CHUNKS), "")
+
+    @property
+    def upstream(self) -> tuple[str, ...]:
+        """Return the nodes that this one reads from."""
+        return tuple(self.upstream_stages)
+
+
+class Dag:
+    """Nodes in the order in which they were added; every edge points back."""
+
+    def __init__(self) -> None:
+        self.nodes: dict[str, Node] = {}
+        self.targets: dict[str, tuple[str, ...]] = {}  # what a user asks for → the nodes that it stands for
+
+    def add(self, name: str, stage: Stage[Any], **inputs: str) -> None:
+        """Add a node; ``inputs`` maps each role of the stage to ``"node.output"`` or one of ``ORIGINS``.
+
+        Raises:
+            ValueError: on a repeated name, an unknown or missing role, a forward reference or the wrong table.
+        """
+        self._add(name, stage, inputs, stage.shard)
+
+    def add_for_set(self, name: str, stage: Stage[Any], inputs: Mapping[str, str]) -> None:
+        """Add a stage that is made for a sequence for the set of all: its tables are those of all sequences."""
+        self._add(name, stage, inputs, "set")
+
+    def _add(self, name: str, stage: Stage[Any], inputs: Mapping[str, str], shard: Sharding) -> None:
+        if name in self.nodes:
+            raise ValueError(f"node {name} is added twice")
+        if set(inputs) != set(stage.inputs):
+            raise ValueError(
+                f"node {name}: stage {stage.name} has the roles {sorted(stage.inputs)}, not {sorted(inputs)}"
+            )
+        for role, edge in inputs.items():
+            self._check_edge(name, stage, role, edge)
+        sources = {edge.split(".")[0] for edge in inputs.values() if edge not in ORIGINS}
+        upstream = {source: self.nodes[source].stage.name for source in self.nodes if source in sources}
+        chunk_edge = self._chunk_edge(stage, inputs, upstream)
+        self._check_chunks(name, shard, chunk_edge, upstream)
+        self.nodes[name] = Node(name, stage, inputs, upstream, shard, chunk_edge)
+
+    def upto(self, targets: tuple[str, ...], absent: Collection[str] = ()) -> list[Node]:
+        """Return the nodes that the targets need, in order; not those that an absent origin of ``ORIGINS`` leads to."""
+        impossible: set[str] = set()
+        for node in self.nodes.values():
+            is_without = impossible.intersection(node.upstream) or not set(absent).isdisjoint(node.inputs.values())
+            if is_without and node.shard != "set":  # others may bring what a set needs
+                impossible.add(node.name)
+        wanted = set(targets) - impossible
+        for node in reversed(self.nodes.values()):
+            if node.name in wanted:
+                wanted.update(set(node.upstream) - impossible)
+        return [node for node in self.nodes.values() if node.name in wanted]
+
+    def reads(self, edge: str, targets: tuple[str, ...]) -> bool:
+        """Tell whether targets start from one of `ORIGINS`."""
+        return any(edge in node.inputs.values() for node in self.upto(targets))
+
+    def _chunk_edge(self, stage: Stage[Any], inputs: Mapping[str, str], upstream: Mapping[str, str]) -> str:
+        """Return the chunks that a node is told, or else those of the first node upstream that has any."""
+        told = [edge for role, edge in inputs.items() if stage.inputs[role] is CHUNKS]
+        nodes = [self.nodes[name] for name in upstream]
+        found = [f"{n.name}.{n.cut}" if n.cut else n.chunk_edge for n in nodes if n.cut or n.chunk_edge]
+        return next(iter([*told, *found]), "")
+
+    def _check_chunks(self, name: str, shard: Sharding, chunk_edge: str, upstream: Mapping[str, str]) -> None:
+        others = [self.nodes[other] for other in upstream if self.nodes[other].shard == "chunk"]
+        odd = [other for other in others if shard == "chunk" and other.chunk_edge != chunk_edge]
+        if odd:
+            cuts = f"{chunk_edge}, {odd[0].name} by {odd[0].chunk_edge}"
+            raise ValueError(f"node {name} is cut by {cuts}: their chunks do not belong together")
+
+    def _check_edge(self, name: str, stage: Stage[Any], role: str, edge: str) -> None:
+        wanted = stage.inputs[role]
+        if edge in ORIGINS:
+            found = ORIGINS[edge]
+        else:
+            source, _, output = edge.partition(".")
+            if source not in self.nodes:
+                raise ValueError(f"node {name}: role {role} reads {edge}, but no node {source} comes before it")
+            outputs = self.nodes[source].stage.outputs
+            if output not in outputs:
+                raise ValueError(f"node {name}: role {role} reads {edge}, but {source} has only {', '.join(outputs)}")
+            found = outputs[output]
+        if found is not wanted:
+            raise ValueError(f"node {name}: role {role} takes table {wanted.name}, {edge} is table {found.name}")

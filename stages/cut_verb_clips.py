@@ -1,0 +1,76 @@
+"""Cut poses into the segments in which one of the chosen verbs is done (paper, Sec. 5).
+
+The poses may be anybody's: our annotation, people's, or those that were found in the headset's pictures.
+"""
+
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.compute as pc
+from pydantic import Field
+
+from assemblyhands_core.data.assemblyhands import KEY_RATE_HZ
+from assemblyhands_core.data.catalog import JOINTS, SOURCES, VIEWS
+from assemblyhands_core.data.fine_grained import read_fine_grained
+from assemblyhands_core.data.label_rows import keys_per_frame
+from assemblyhands_core.data.pose_clips import cut_clip
+from assemblyhands_core.data.verb_clip_rows import clip_row, tracks_of_joints
+from assemblyhands_core.data.verb_segments import VerbSegments, VerbSelection, select_verb_segments
+from assemblyhands_core.data.verb_tables import VERB_CLIPS, VERB_PROBLEMS
+from assemblyhands_core.hands.graphs import GraphName
+from stages._contract import Context, Stage, StageConfig, Tables
+
+
+class CutVerbClipsConfig(StageConfig):
+    """Parameters of cutting."""
+
+    verbs: tuple[str, ...]
+    min_duration_s: float = Field(ge=0)
+    max_overlap: float = Field(ge=0, le=1)
+    is_overlap_dropped: bool
+    rate_hz: int = Field(ge=1, le=KEY_RATE_HZ)
+    context_keys: int = Field(ge=0)
+    graph: GraphName
+    first_key: int = Field(ge=0)
+
+    def selection(self) -> VerbSelection:
+        """Return which segments are chosen."""
+        return VerbSelection(self.verbs, self.min_duration_s, self.max_overlap, self.is_overlap_dropped)
+
+
+def run(config: CutVerbClipsConfig, inputs: Tables, context: Context) -> Tables:
+    """Cut one sequence; a segment without poses has a clip in which no hand is observed."""
+    (source,) = inputs["actions"].to_pylist()
+    video = inputs["views"].filter(pc.field("valid"))
+    step = keys_per_frame(float(video["rate_hz"][0].as_py()))
+    num_keys = step * int(pc.max(video["num_frames"]).as_py())
+    keys = range(config.first_key, config.first_key + num_keys)
+    labels = read_fine_grained(Path(source["source_file"]))
+    found = select_verb_segments(labels, config.selection(), {context.sequence_id: keys})
+    tracks = tracks_of_joints(inputs["joints"], step, config.first_key, config.graph)
+    spans = {
+        s.number: cut_clip(tracks, s.first_key, s.last_key, config.rate_hz, config.context_keys) for s in found.segments
+    }
+    rows = [clip_row(context.sequence_id, segment, spans[segment.number], config.rate_hz) for segment in found.segments]
+    num_unseen = sum(not clip.observed.any() for clip in spans.values())
+    return {"clips": VERB_CLIPS.from_rows(rows), "problems": _problems(found, num_unseen, context)}
+
+
+def _problems(found: VerbSegments, num_unseen: int, context: Context) -> pa.Table:
+    """Return how many segments were left out or are odd, by reason, and each sentence about one."""
+    counts = [*found.dropped.items(), *found.noted.items(), *([("no_poses", num_unseen)] if num_unseen else [])]
+    rows: list[dict[str, Any]] = [{"reason": str(name), "count": number, "sentence": ""} for name, number in counts]
+    rows += [{"reason": "", "count": 1, "sentence": sentence} for sentence in dict.fromkeys(found.problems)]
+    return VERB_PROBLEMS.from_rows([{"sequence_id": context.sequence_id, **row} for row in rows])
+
+
+STAGE = Stage(
+    name="cut_verb_clips",
+    version=1,
+    config=CutVerbClipsConfig,
+    inputs={"actions": SOURCES, "views": VIEWS, "joints": JOINTS},
+    outputs={"clips": VERB_CLIPS, "problems": VERB_PROBLEMS},
+    run=run,
+    shard="sequence",
+)

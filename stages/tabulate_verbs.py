@@ -1,0 +1,60 @@
+"""Make the table of verb classification: each source of poses on the sequences that nothing was learnt from."""
+
+from typing import Final
+
+import pyarrow as pa
+import pyarrow.compute as pc
+from pydantic import Field
+
+from assemblyhands_core.data.catalog import EVALUATION, MEMBERS
+from assemblyhands_core.data.verb_tables import VERB_PREDICTIONS
+from assemblyhands_core.metrics.verb_rows import Blocks
+from assemblyhands_core.metrics.verbs import VerbEvaluation, evaluate_verbs
+from stages._contract import Context, Stage, StageConfig, Tables
+
+SOURCES: Final = ("annotation", "svegonet", "ego_only")
+"""Whose poses: our annotation (the upper bound), SVEgoNet's, and those triangulated in the headset's cameras alone."""
+
+_LEARNT_FROM = ("train", "manual_train", "val", "manual_val")
+
+
+class TabulateVerbsConfig(StageConfig):
+    """Parameters of the figures."""
+
+    verbs: tuple[str, ...]
+    blocks: Blocks
+    num_resamples: int = Field(ge=100)
+    num_bins: int = Field(ge=2)
+    seed: int = Field(ge=0)
+
+
+def run(config: TabulateVerbsConfig, inputs: Tables, context: Context) -> Tables:
+    """Tabulate the sequences that are not for training; all, if there are no others."""
+    members = inputs["members"]
+    is_other = pc.invert(pc.is_in(members["split"], value_set=pa.array(_LEARNT_FROM)))
+    names = members.filter(is_other)["sequence_id"] if pc.any(is_other).as_py() else members["sequence_id"]
+    tables = []
+    for source in SOURCES:
+        rows = inputs[source].filter(pc.is_in(inputs[source]["sequence_id"], value_set=names.combine_chunks()))
+        tables.append(rows.append_column("source", pa.array([source] * rows.num_rows, pa.string())))
+    evaluation = VerbEvaluation(
+        verbs=config.verbs,
+        upper_bound=SOURCES[0],
+        blocks=config.blocks,
+        num_resamples=config.num_resamples,
+        seed=config.seed,
+        num_bins=config.num_bins,
+    )
+    cells = evaluate_verbs(pa.concat_tables(tables), evaluation)
+    return {"metrics": EVALUATION.from_rows([{"sequence_id": context.sequence_id, **cell._asdict()} for cell in cells])}
+
+
+STAGE = Stage(
+    name="tabulate_verbs",
+    version=1,
+    config=TabulateVerbsConfig,
+    inputs={"members": MEMBERS, **dict.fromkeys(SOURCES, VERB_PREDICTIONS)},
+    outputs={"metrics": EVALUATION},
+    run=run,
+    shard="set",
+)

@@ -1,0 +1,106 @@
+"""Triangulate hands from the headset's cameras alone: the egocentric baseline of the paper's tables (Sec. 3.1 and 5).
+
+The same 2D network as for the fixed cameras looks at the crops, and the same robust triangulation joins the up to four
+views of an instant. Boxes are those of the crops, so that nothing is compared but how hands are found in them.
+"""
+
+from collections.abc import Mapping, Sequence
+from itertools import groupby
+from typing import Any
+
+import numpy as np
+from pydantic import Field
+
+from assemblyhands_core.data.camera_rows import camera_from_row
+from assemblyhands_core.data.catalog import EGO_CROPS, JOINTS
+from assemblyhands_core.data.crop_images import decode_image
+from assemblyhands_core.data.outcomes import outcome_columns
+from assemblyhands_core.detectors.base import HandCrop, HandDetection, detect_hands_in
+from assemblyhands_core.detectors.registry import create_hand_detector
+from assemblyhands_core.geometry.triangulation import Triangulation, triangulate
+from assemblyhands_core.hands.joints import NUM_JOINTS
+from assemblyhands_core.hands.strays import without_strays
+from stages._contract import Context, Stage, Tables
+from stages._detector_config import DetectorConfig, detector_externals
+
+SOURCE = "ego_triangulation"
+
+Row = Mapping[str, Any]
+Seen = tuple[Row, HandDetection]
+
+
+class TriangulateEgoConfig(DetectorConfig):
+    """Parameters of the baseline; pixels are those of the crops."""
+
+    keypoints_file = "ego_hands.parquet"
+    max_reprojection_px: float = Field(gt=0)
+    min_confidence: float = Field(ge=0, le=1)
+    min_views: int = Field(ge=2)
+    min_parallax_rad: float = Field(ge=0, lt=np.pi)
+    max_span_mm: float = Field(gt=0)
+
+
+def run(config: TriangulateEgoConfig, inputs: Tables, context: Context) -> Tables:
+    """Triangulate one chunk; a row for each hand at each instant of which there are crops or holes."""
+    crops = sorted(inputs["crops"].to_pylist(), key=lambda row: (row["frame"], row["hand"], row["camera_id"]))
+    valid = [crop for crop in crops if crop["valid"]]
+    seen = dict(zip(map(_view, valid), _detected(config, valid, context), strict=True))
+    rows = []
+    for (frame, hand), views in groupby(crops, key=lambda row: (row["frame"], row["hand"])):
+        all_views = list(views)
+        found = [(crop, hit) for crop in all_views if (hit := seen.get(_view(crop))) is not None]
+        name = {"sequence_id": context.sequence_id, "frame": frame, "hand": hand}
+        rows.append({**name, **_joined(config, found), "source": SOURCE, "round": 0})
+    return {"joints": JOINTS.from_rows(rows)}
+
+
+def _detected(config: TriangulateEgoConfig, crops: Sequence[Row], context: Context) -> Sequence[HandDetection | None]:
+    if not crops:
+        return []
+    detector = create_hand_detector(config.detector, **config.detector_options(context.sequence_id))
+    asked = [HandCrop(decode_image(crop["image"]), crop["hand"], crop["camera_id"], crop["frame"]) for crop in crops]
+    return detect_hands_in(detector, asked)
+
+
+def _view(crop: Row) -> tuple[int, str, str]:
+    return crop["frame"], crop["hand"], crop["camera_id"]
+
+
+def _joined(config: TriangulateEgoConfig, seen: Sequence[Seen]) -> dict[str, Any]:
+    """Return the joint columns of a hand from the views that found it; holes where fewer than two did."""
+    if len(seen) < config.min_views:
+        reason = "too_few_views" if seen else "no_detection"
+        return {
+            "joints_world_mm": np.full(3 * NUM_JOINTS, np.nan),
+            "valid": np.zeros(NUM_JOINTS, dtype=bool),
+            "reason": [reason] * NUM_JOINTS,
+            "num_views": np.zeros(NUM_JOINTS),
+            "reprojection_px": np.full(NUM_JOINTS, np.nan),
+        }
+    found = without_strays(_triangulated(config, seen), config.max_span_mm)
+    columns = {name: values[0] for name, values in outcome_columns(found, NUM_JOINTS).items()}
+    return {"joints_world_mm": found.points_world_mm.ravel(), **columns}
+
+
+def _triangulated(config: TriangulateEgoConfig, seen: Sequence[Seen]) -> Triangulation:
+    confidence = np.stack([hit.confidence for _, hit in seen], axis=1)
+    return triangulate(
+        np.stack([hit.keypoints_px for _, hit in seen], axis=1),
+        [camera_from_row(crop) for crop, _ in seen],
+        np.where(confidence >= config.min_confidence, confidence, 0.0),
+        max_reprojection_px=config.max_reprojection_px,
+        min_views=config.min_views,
+        min_parallax_rad=config.min_parallax_rad,
+    )
+
+
+STAGE = Stage(
+    name="triangulate_ego",
+    version=1,
+    config=TriangulateEgoConfig,
+    inputs={"crops": EGO_CROPS},
+    outputs={"joints": JOINTS},
+    run=run,
+    shard="chunk",
+    externals=detector_externals,
+)
