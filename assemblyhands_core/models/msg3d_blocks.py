@@ -22,10 +22,17 @@ _RESIDUAL_BOUND: Final = 1e-6  # what is learnt beside the graph's own edges sta
 
 
 class ChannelNorm(nn.BatchNorm1d):
-    """Batch norm of the last axis over all others."""
+    """Batch norm of the last axis over all others, and a ReLU if there is to be one."""
+
+    def __init__(self, num_channels: int, has_relu: bool = False) -> None:
+        super().__init__(num_channels)
+        self.has_relu = has_relu
 
     def forward(self, x: Float[Tensor, "*rows channel"]) -> Float[Tensor, "*rows channel"]:
-        return super().forward(x.reshape(-1, x.shape[-1])).view(x.shape)
+        rows = super().forward(x.reshape(-1, x.shape[-1]))
+        if self.has_relu:
+            rows = torch.relu_(rows)  # before it becomes a view: autograd copies what is changed through one
+        return rows.view(x.shape)
 
     def scale_and_shift(self) -> tuple[Float[Tensor, " channel"], Float[Tensor, " channel"]]:
         """Return what it multiplies by and then adds outside of training."""
@@ -86,7 +93,7 @@ class GraphConvolution(nn.Module):
         deviation = (num_scales * num_inputs) ** -0.5
         self.weight = nn.Parameter(deviation * torch.randn(num_scales, num_inputs, num_outputs))
         self.bias = nn.Parameter(torch.zeros(num_outputs))
-        self.norm = ChannelNorm(num_outputs)
+        self.norm = ChannelNorm(num_outputs, has_relu=True)
 
     def forward(self, x: Float[Tensor, "hand frame joint input"]) -> Float[Tensor, "hand window joint place output"]:
         """Return the joints at all places of each window; frames outside of the sequence are zero."""
@@ -99,8 +106,8 @@ class GraphConvolution(nn.Module):
         mixing = (self.adjacency + self.residual_adjacency).view(-1, *copies, *copies)
         is_widening = self.weight.shape[1] < self.weight.shape[2]
         mixed = (self._nodes_first if is_widening else self._channels_first)(x, weight, bias, mixing)
-        mixed = mixed.view(*mixed.shape[:2], *copies[::-1], -1)
-        return torch.relu_(self.norm(mixed) if self.training else mixed)
+        activated = self.norm(mixed) if self.training else torch.relu_(mixed)
+        return activated.view(*mixed.shape[:2], *copies[::-1], -1)
 
     def _channels_first(
         self,
