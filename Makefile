@@ -14,7 +14,7 @@ SEQUENCE := $(if $(SET),manifest=data_manifests/synthetic_$(SET).csv) $(if $(SEQ
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 SOURCES := assemblyhands_core stages pipeline tests benchmarks
 
-.PHONY: annotate evaluate simulate train ego predict train-ego export plan doctor gc test test-slow check format benchmark docs help clean
+.PHONY: annotate evaluate simulate train ego predict train-ego verbs train-verbs export plan doctor gc test test-slow check format benchmark docs help clean
 .DEFAULT_GOAL := help
 
 annotate: $(VENV)/.installed  ## video in, 3D hand joints out: SEQ=name (default: records one), ARGS='parameter=value'
@@ -38,6 +38,12 @@ predict: $(VENV)/.installed  ## hands in the headset's pictures, by SVEgoNet
 
 train-ego: $(VENV)/.installed-training  ## train SVEgoNet on a set: SET=ego, or ARGS='manifest=… seq=…'
 	$(RUN) train_ego $(SEQUENCE) $(ARGS)
+
+verbs: $(VENV)/.installed  ## which verb is being done, from hand poses of each source
+	$(RUN) verbs $(SEQUENCE) $(ARGS)
+
+train-verbs: $(VENV)/.installed-training  ## draw poses in the studio, and train MS-G3D on them
+	$(RUN) verb_weights manifest=data_manifests/training_poses.csv seq=all executor=local $(ARGS)
 
 export: $(VENV)/.installed  ## annotate, and write AssemblyHands and COCO files of it
 	$(RUN) export $(SEQUENCE) $(ARGS)

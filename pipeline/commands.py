@@ -32,6 +32,7 @@ from pipeline.report import write_report
 from pipeline.runner import Runner, results
 from pipeline.takes import absent_takes, select_takes, studio_folder
 from pipeline.tasks import Result
+from pipeline.verb_evaluation import print_verbs
 from pipeline.view import write_view
 from pipeline.work import SequenceWork, possible_nodes, with_set
 
@@ -90,6 +91,7 @@ def _run(config: RunConfig, console: Console, command_line: str) -> int:
     kinds = kinds_of_sequences(config)
     print_evaluation(console, config, folder, kinds)
     print_egocentric(console, folder)
+    print_verbs(console, folder)
     write_report(console, config, folder, kinds)
     write_export(console, config, folder)
     write_hands2023(console, config, folder)
