@@ -64,7 +64,7 @@ class _MixWindows(Function):
     def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor | None, ...]:
         features, weight, mixing, *products = ctx.saved_tensors
         gradient = gradient.contiguous()
-        d_features, d_weight, d_mixing = (torch.zeros_like(tensor) for tensor in (features, weight, mixing))
+        d_features, d_weight, d_mixing = torch.empty_like(features), torch.zeros_like(weight), torch.zeros_like(mixing)
         taps = mixing.unflatten(1, (ctx.window, -1))
         d_product = features.new_empty(features.shape[1], taps.shape[2], gradient.shape[-1])
         for hand, product in enumerate(products):
