@@ -17,9 +17,9 @@ from assemblyhands_core.data.camera_rows import valid_cameras
 from assemblyhands_core.data.catalog import JOINTS, KEYPOINTS, RESIDUALS, VIEWS
 from assemblyhands_core.data.keypoint_rows import hand_codes, keypoints_by_view, positions
 from assemblyhands_core.data.outcomes import outcome_columns
+from assemblyhands_core.data.strays import without_strays
 from assemblyhands_core.geometry.triangulation import Triangulation, triangulate
 from assemblyhands_core.hands.joints import HANDS, NUM_JOINTS
-from assemblyhands_core.hands.strays import without_strays
 from stages._contract import Context, Stage, StageConfig, Tables
 
 _SOURCE, _ROUND = "2d_triangulation", 0

@@ -15,11 +15,11 @@ from assemblyhands_core.data.camera_rows import camera_from_row
 from assemblyhands_core.data.catalog import EGO_CROPS, JOINTS
 from assemblyhands_core.data.crop_images import decode_image
 from assemblyhands_core.data.outcomes import outcome_columns
+from assemblyhands_core.data.strays import without_strays
 from assemblyhands_core.detectors.base import HandCrop, HandDetection, detect_hands_in
 from assemblyhands_core.detectors.registry import create_hand_detector
 from assemblyhands_core.geometry.triangulation import Triangulation, triangulate
 from assemblyhands_core.hands.joints import NUM_JOINTS
-from assemblyhands_core.hands.strays import without_strays
 from stages._contract import Context, Stage, Tables
 from stages._detector_config import DetectorConfig, detector_externals
 

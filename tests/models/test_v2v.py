@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from reference_weights import reference_weights
 from torch import nn
 
 from assemblyhands_core.models.v2v import (
@@ -90,26 +91,11 @@ def test_blocks_of_the_reference_program(golden_dir: Path, name: str) -> None:
         np.testing.assert_allclose(block(x), y, rtol=0, atol=1e-4)
 
 
-def weight(name: str, shape: tuple[int, ...], state: np.random.RandomState) -> np.ndarray:
-    """The rule by which the reference's weights are given."""
-    if name.endswith("num_batches_tracked"):
-        return np.zeros(shape)
-    if name.endswith(("running_mean", "bias")):
-        return 0.1 * state.randn(*shape)
-    if name.endswith("running_var"):
-        return state.uniform(0.5, 1.5, shape)
-    return 1 + 0.1 * state.randn(*shape) if len(shape) == 1 else state.randn(*shape) * np.sqrt(2 / np.prod(shape[1:]))
-
-
 def test_the_whole_network_of_the_reference_program(golden_dir: Path) -> None:
     with np.load(golden_dir / "v2v.npz") as file:
         golden = {key: file[key] for key in ("names", "shapes", "ndim", "weight_seed", "first_value", "x", "y")}
-    network, weights = ReferenceV2V(6, 5).eval(), {}
-    for k, name in enumerate(golden["names"].tolist()):
-        shape = tuple(golden["shapes"][k, : golden["ndim"][k]].tolist())
-        values = weight(name, shape, np.random.RandomState(int(golden["weight_seed"]) + k))
-        np.testing.assert_allclose(np.asarray(values).flat[0], golden["first_value"][k], rtol=1e-6)
-        weights[our_name(name)] = torch.as_tensor(np.asarray(values, dtype=np.float32))
+    network = ReferenceV2V(6, 5).eval()
+    weights = {our_name(name): tensor for name, tensor in reference_weights(golden).items()}
     network.load_state_dict(weights)
     with torch.no_grad():
         heatmaps = network(torch.from_numpy(golden["x"].astype(np.float32)))
