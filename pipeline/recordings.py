@@ -67,7 +67,7 @@ class Recording:
         return {
             SOURCE_EDGE: self._rows(self._rig_files(), digests),
             LABEL_EDGE: self._rows(self._label_files(), digests),
-            ACTION_EDGE: self._rows(self._action_files(), digests),
+            ACTION_EDGE: self._rows(self._timed_action_files(), digests),
             EGO_EDGE: self._rows(self._ego_files(), digests),
             TRUTH_EDGE: self._rows(true, digests),
         }
@@ -84,6 +84,12 @@ class Recording:
     def _action_files(self) -> Iterator[tuple[str, str, Path]]:
         if self.actions is not None:
             yield "actions", "fine_grained", self.actions
+
+    def _timed_action_files(self) -> Iterator[tuple[str, str, Path]]:
+        """Yield with what is being done the labels that say at which key the release's pictures begin."""
+        yield from self._action_files()
+        if self.actions is not None and self.label_name == FROM_FIRST_KEY:
+            yield from self._label_files()
 
     def _ego_files(self) -> Iterator[tuple[str, str, Path]]:
         if self.ego_calibration is None or not (self.ego_videos or self.ego_images):

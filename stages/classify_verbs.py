@@ -3,6 +3,7 @@
 import zlib
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -11,10 +12,12 @@ from pydantic import Field
 from assemblyhands_core.data.catalog import WEIGHTS
 from assemblyhands_core.data.pose_clips import PoseClip
 from assemblyhands_core.data.pose_sequences import WRIST_NODE
-from assemblyhands_core.data.verb_clip_rows import clip_of_row
+from assemblyhands_core.data.verb_clip_rows import clips_of
 from assemblyhands_core.data.verb_tables import VERB_CLIPS, VERB_PREDICTIONS
 from stages._contract import Context, Stage, StageConfig, Tables
 from stages._training import weights_file
+
+_NAMES: Final = ["sequence_id", "segment", "verb", "first_key"]
 
 
 class ClassifyVerbsConfig(StageConfig):
@@ -26,18 +29,22 @@ class ClassifyVerbsConfig(StageConfig):
 
 
 def run(config: ClassifyVerbsConfig, inputs: Tables, context: Context) -> Tables:
-    """Classify the segments of one sequence; where no pose was seen there is no prediction."""
-    rows = inputs["clips"].to_pylist()
-    reference = {row["segment"]: clip_of_row(row) for row in inputs["reference"].to_pylist()}
-    clips = [_noisy(clip_of_row(row), config, f"{row['sequence_id']} {row['segment']}") for row in rows]
-    nouns = [row["noun"] for row in rows]
-    probability, verbs = _probabilities(config, inputs, clips, nouns, context)
+    """Classify the segments of one sequence; where no pose was seen there is no prediction.
+
+    Raises:
+        ValueError: The network was trained for clips of another rate or graph, or its file does not say for what.
+    """
+    rows = inputs["clips"].select(_NAMES).to_pylist()
+    reference = dict(zip(inputs["reference"]["segment"].to_pylist(), clips_of(inputs["reference"]), strict=True))
+    pairs = zip(rows, clips_of(inputs["clips"]), strict=True)
+    clips = [_noisy(clip, config, f"{row['sequence_id']} {row['segment']}") for row, clip in pairs]
+    probability, verbs = _probabilities(config, inputs, clips, context)
     found = []
     for row, clip, values in zip(rows, clips, probability, strict=True):
         is_seen = bool(np.isfinite(values).all())
         found.append(
             {
-                **{name: row[name] for name in ("sequence_id", "segment", "verb", "first_key")},
+                **row,
                 "predicted": verbs[int(values.argmax())] if is_seen else "",
                 "confidence": values.max() if is_seen else np.nan,
                 "probability": values,
@@ -70,13 +77,16 @@ def _noisy(clip: PoseClip, config: ClassifyVerbsConfig, name: str) -> PoseClip:
 
 
 def _probabilities(
-    config: ClassifyVerbsConfig, inputs: Tables, clips: Sequence[PoseClip], nouns: Sequence[str], context: Context
+    config: ClassifyVerbsConfig, inputs: Tables, clips: Sequence[PoseClip], context: Context
 ) -> tuple[npt.NDArray[np.float32], tuple[str, ...]]:
     """Return the probabilities (clip, verb), NaN where nothing was seen, and the verbs."""
     # Importing torch takes seconds, which every command would pay at the head of this file.
     from assemblyhands_core.models.verb_classification import VerbClassifier
 
-    classifier = VerbClassifier.load(weights_file(inputs["weights"]))
+    classifier, nouns = VerbClassifier.load(weights_file(inputs["weights"])), inputs["clips"]["noun"].to_pylist()
+    wanted_hz = classifier.sequence.rate_hz
+    if other := set(inputs["clips"]["rate_hz"].to_pylist()) - {wanted_hz}:
+        raise ValueError(f"the network takes clips of {wanted_hz} Hz, these are of {other.pop()} Hz: cut them anew.")
     found = np.full((len(clips), len(classifier.verbs)), np.nan, dtype=np.float32)
     seen = [index for index, clip in enumerate(clips) if clip.observed.any()]
     if seen:

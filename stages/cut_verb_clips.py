@@ -3,6 +3,8 @@
 The poses may be anybody's: our annotation, people's, or those that were found in the headset's pictures.
 """
 
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +15,7 @@ from pydantic import Field
 from assemblyhands_core.data.assemblyhands import KEY_RATE_HZ
 from assemblyhands_core.data.catalog import JOINTS, SOURCES, VIEWS
 from assemblyhands_core.data.fine_grained import read_fine_grained
-from assemblyhands_core.data.label_rows import keys_per_frame
+from assemblyhands_core.data.label_rows import first_key_of, keys_per_frame, read_recording
 from assemblyhands_core.data.pose_clips import cut_clip
 from assemblyhands_core.data.verb_clip_rows import clip_row, tracks_of_joints
 from assemblyhands_core.data.verb_segments import VerbSegments, VerbSelection, select_verb_segments
@@ -32,7 +34,7 @@ class CutVerbClipsConfig(StageConfig):
     rate_hz: int = Field(ge=1, le=KEY_RATE_HZ)
     context_keys: int = Field(ge=0)
     graph: GraphName
-    first_key: int = Field(ge=0)
+    first_key: int | None = Field(ge=0)
 
     def selection(self) -> VerbSelection:
         """Return which segments are chosen."""
@@ -40,28 +42,38 @@ class CutVerbClipsConfig(StageConfig):
 
 
 def run(config: CutVerbClipsConfig, inputs: Tables, context: Context) -> Tables:
-    """Cut one sequence; a segment without poses has a clip in which no hand is observed."""
-    (source,) = inputs["actions"].to_pylist()
-    video = inputs["views"].filter(pc.field("valid"))
-    step = keys_per_frame(float(video["rate_hz"][0].as_py()))
-    num_keys = step * int(pc.max(video["num_frames"]).as_py())
-    keys = range(config.first_key, config.first_key + num_keys)
-    labels = read_fine_grained(Path(source["source_file"]))
-    found = select_verb_segments(labels, config.selection(), {context.sequence_id: keys})
-    tracks = tracks_of_joints(inputs["joints"], step, config.first_key, config.graph)
-    spans = {
-        s.number: cut_clip(tracks, s.first_key, s.last_key, config.rate_hz, config.context_keys) for s in found.segments
-    }
-    rows = [clip_row(context.sequence_id, segment, spans[segment.number], config.rate_hz) for segment in found.segments]
-    num_unseen = sum(not clip.observed.any() for clip in spans.values())
+    """Cut one sequence; a segment without poses has a clip in which no hand is observed.
+
+    Raises:
+        ValueError: No camera can be used, so that nobody knows how long the video is.
+    """
+    sources, video = inputs["actions"].to_pylist(), inputs["views"].filter(pc.field("valid"))
+    if not video.num_rows:
+        raise ValueError(f"sequence {context.sequence_id}: no view can be used; table views says why of each.")
+    num_frames, step = int(pc.max(video["num_frames"]).as_py()), keys_per_frame(float(video["rate_hz"][0].as_py()))
+    first_key = _first_key(sources, context) if config.first_key is None else config.first_key
+    keys = range(first_key, first_key + step * num_frames)
+    (actions,) = (row["source_file"] for row in sources if row["role"] == "actions")
+    found = select_verb_segments(read_fine_grained(Path(actions)), config.selection(), {context.sequence_id: keys})
+    tracks = tracks_of_joints(inputs["joints"], num_frames, step, first_key, config.graph)
+    clips = [cut_clip(tracks, s.first_key, s.last_key, config.rate_hz, config.context_keys) for s in found.segments]
+    pairs = zip(found.segments, clips, strict=True)
+    rows = [clip_row(context.sequence_id, segment, clip, config.rate_hz) for segment, clip in pairs]
+    num_unseen = sum(not clip.observed.any() for clip in clips)
     return {"clips": VERB_CLIPS.from_rows(rows), "problems": _problems(found, num_unseen, context)}
+
+
+def _first_key(sources: Sequence[Mapping[str, Any]], context: Context) -> int:
+    """Return the key of frame 0: of the release's pictures that of the first label, else 0."""
+    labels = next((row for row in sources if row["role"] == "labels"), None)
+    return first_key_of(labels, read_recording(labels, context.sequence_id)) if labels else 0
 
 
 def _problems(found: VerbSegments, num_unseen: int, context: Context) -> pa.Table:
     """Return how many segments were left out or are odd, by reason, and each sentence about one."""
     counts = [*found.dropped.items(), *found.noted.items(), *([("no_poses", num_unseen)] if num_unseen else [])]
     rows: list[dict[str, Any]] = [{"reason": str(name), "count": number, "sentence": ""} for name, number in counts]
-    rows += [{"reason": "", "count": 1, "sentence": sentence} for sentence in dict.fromkeys(found.problems)]
+    rows += [{"reason": "", "count": n, "sentence": sentence} for sentence, n in Counter(found.problems).items()]
     return VERB_PROBLEMS.from_rows([{"sequence_id": context.sequence_id, **row} for row in rows])
 
 

@@ -1,6 +1,7 @@
 """Take clips of true poses straight from the studio's scripts, for training: nothing is filmed for them."""
 
 from collections.abc import Iterator
+from typing import Final
 
 import numpy as np
 from pydantic import Field
@@ -17,6 +18,8 @@ from assemblyhands_core.synthetic.crop_draws import draw_training_take, training
 from assemblyhands_core.synthetic.take import Take
 from stages._contract import Context, Stage, StageConfig, Tables
 from stages._simulator import simulator_externals
+
+_MOST_SEGMENTS: Final = 1000  # of a take
 
 
 class DrawVerbClipsConfig(StageConfig):
@@ -35,7 +38,7 @@ def run(config: DrawVerbClipsConfig, inputs: Tables, context: Context) -> Tables
     drawn = draw_training_take(subject, chunk["chunk"], order["rig"])
     take = Take.from_seed(drawn.subject, drawn.take_seed, drawn.duration_s, drawn.kind)
     tracks = _tracks(config, take)
-    # A set's takes are one sequence: keys go on from take to take, so that every segment has a number of its own.
+    # A set's takes are one sequence: numbers go on from take to take, keys begin anew.
     first_number = chunk["chunk"] * _MOST_SEGMENTS
     rows = [
         clip_row(
@@ -47,9 +50,6 @@ def run(config: DrawVerbClipsConfig, inputs: Tables, context: Context) -> Tables
         for segment in _segments(take, context.sequence_id, first_number)
     ]
     return {"clips": VERB_CLIPS.from_rows(rows)}
-
-
-_MOST_SEGMENTS = 1000  # of a take
 
 
 def _tracks(config: DrawVerbClipsConfig, take: Take) -> PoseTracks:

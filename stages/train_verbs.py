@@ -8,7 +8,7 @@ from pydantic import Field
 
 from assemblyhands_core.data.catalog import MEMBERS, TRAINING_CURVE, WEIGHTS
 from assemblyhands_core.data.pose_sequences import Centre, Length, PoseSequenceConfig, Scale
-from assemblyhands_core.data.verb_clip_rows import clip_of_row
+from assemblyhands_core.data.verb_clip_rows import clips_of
 from assemblyhands_core.data.verb_tables import VERB_CLIPS
 from assemblyhands_core.training.verb_dataset import PLAIN, Mirroring, VerbAugmentation, VerbClips
 from stages._contract import Context, Stage, StageConfig, Tables
@@ -52,7 +52,7 @@ def run(config: TrainVerbsConfig, inputs: Tables, context: Context) -> Tables:
     """Train on the clips of the training sequences.
 
     Raises:
-        ValueError: There are none, or clips of several sources differ in their graph or rate.
+        ValueError: There are none with poses, or clips differ in their graph or rate.
     """
     import torch
 
@@ -62,7 +62,7 @@ def run(config: TrainVerbsConfig, inputs: Tables, context: Context) -> Tables:
 
     torch.manual_seed(config.seed)
     training, held_out = _split(config, inputs)
-    sequence = _sequence(config, training)
+    sequence = _sequence(config, pa.concat_tables([training, held_out]))
     nouns = tuple(sorted(set(training["noun"].to_pylist()))) if config.object_cue else ()
     shape = MSG3DConfig(
         len(config.verbs),
@@ -83,8 +83,12 @@ def run(config: TrainVerbsConfig, inputs: Tables, context: Context) -> Tables:
 
 
 def _split(config: TrainVerbsConfig, inputs: Tables) -> tuple[pa.Table, pa.Table]:
-    """Return what is learnt from and what is held out: sequences of split `val`, else the last training segments."""
+    """Return what is learnt from and what is held out: sequences of split `val`, else the last ones for training.
+
+    Where there is a single one, it is its last segments. Segments in which no hand was seen are in neither.
+    """
     members, clips = inputs["members"], inputs["clips"]
+    clips = clips.filter(pa.array([bool(clip.observed.any()) for clip in clips_of(clips)], pa.bool_()))
     training, held_out = (_of_splits(clips, members, splits) for splits in (TRAINING_SPLITS, _VALIDATION_SPLITS))
     if not training.num_rows:
         raise ValueError("no sequence of split train has poses in segments with verbs: add some")
@@ -120,10 +124,9 @@ def _clips(
     sequence: PoseSequenceConfig,
     augmentation: VerbAugmentation,
 ) -> VerbClips:
-    rows = table.to_pylist()
     clips = VerbClips.of(
-        [clip_of_row(row) for row in rows],
-        [(row["verb"], row["noun"]) for row in rows],
+        clips_of(table),
+        list(zip(table["verb"].to_pylist(), table["noun"].to_pylist(), strict=True)),
         config.verbs,
         nouns,
         sequence,

@@ -6,7 +6,8 @@ views of an instant. Boxes are those of the crops, so that nothing is compared b
 
 from collections.abc import Mapping, Sequence
 from itertools import groupby
-from typing import Any
+from pathlib import Path
+from typing import Any, Self
 
 import numpy as np
 from pydantic import Field
@@ -24,6 +25,7 @@ from stages._contract import Context, Stage, Tables
 from stages._detector_config import DetectorConfig, detector_externals
 
 SOURCE = "ego_triangulation"
+_AT_ONCE = 64  # crops that are decoded at a time
 
 Row = Mapping[str, Any]
 Seen = tuple[Row, HandDetection]
@@ -32,16 +34,23 @@ Seen = tuple[Row, HandDetection]
 class TriangulateEgoConfig(DetectorConfig):
     """Parameters of the baseline; pixels are those of the crops."""
 
-    keypoints_file = "ego_hands.parquet"
     max_reprojection_px: float = Field(gt=0)
     min_confidence: float = Field(ge=0, le=1)
     min_views: int = Field(ge=2)
     min_parallax_rad: float = Field(ge=0, lt=np.pi)
     max_span_mm: float = Field(gt=0)
 
+    def resolved(self, keypoints: Path | None, detector: str) -> Self:
+        """Return the configuration with the detector that runs; keypoints of raw pictures are not those of crops."""
+        return super().resolved(None, detector)
+
 
 def run(config: TriangulateEgoConfig, inputs: Tables, context: Context) -> Tables:
-    """Triangulate one chunk; a row for each hand at each instant of which there are crops or holes."""
+    """Triangulate one chunk; a row for each hand at each instant of which there are crops or holes.
+
+    Raises:
+        ValueError: The detector does not look at pictures.
+    """
     crops = sorted(inputs["crops"].to_pylist(), key=lambda row: (row["frame"], row["hand"], row["camera_id"]))
     valid = [crop for crop in crops if crop["valid"]]
     seen = dict(zip(map(_view, valid), _detected(config, valid, context), strict=True))
@@ -58,8 +67,14 @@ def _detected(config: TriangulateEgoConfig, crops: Sequence[Row], context: Conte
     if not crops:
         return []
     detector = create_hand_detector(config.detector, **config.detector_options(context.sequence_id))
-    asked = [HandCrop(decode_image(crop["image"]), crop["hand"], crop["camera_id"], crop["frame"]) for crop in crops]
-    return detect_hands_in(detector, asked)
+    if not detector.needs_image:
+        raise ValueError(f"detector {config.detector} knows raw pictures alone, these are crops: choose another one.")
+    parts = (crops[first : first + _AT_ONCE] for first in range(0, len(crops), _AT_ONCE))
+    return [hit for part in parts for hit in detect_hands_in(detector, [_asked(crop) for crop in part])]
+
+
+def _asked(crop: Row) -> HandCrop:
+    return HandCrop(decode_image(crop["image"]), crop["hand"], crop["camera_id"], crop["frame"])
 
 
 def _view(crop: Row) -> tuple[int, str, str]:

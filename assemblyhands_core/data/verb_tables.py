@@ -48,10 +48,7 @@ VERB_PREDICTIONS: Final = TableSpec(
             ("confidence", pa.float32()),
             ("probability", pa.list_(pa.float32())),  # of each class, in the order of the network
             ("first_key", pa.int64()),
-            (
-                "pose_error_mm",
-                pa.float32(),
-            ),  # of the joints in its frames, wrists at the origin; NaN where nobody knows
+            ("pose_error_mm", pa.float32()),  # mean of its nodes, wrists at the origin; NaN where nobody knows
             ("coverage", pa.float32()),  # instants and hands of its clip that were observed, in percent
         ]
     ),
