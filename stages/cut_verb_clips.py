@@ -79,7 +79,7 @@ def _problems(found: VerbSegments, num_unseen: int, context: Context) -> pa.Tabl
 
 STAGE = Stage(
     name="cut_verb_clips",
-    version=1,
+    version=2,
     config=CutVerbClipsConfig,
     inputs={"actions": SOURCES, "views": VIEWS, "joints": JOINTS},
     outputs={"clips": VERB_CLIPS, "problems": VERB_PROBLEMS},

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
+import numpy.typing as npt
 from pydantic import Field
 
 from assemblyhands_core.data.camera_rows import camera_from_row
@@ -19,7 +20,7 @@ from assemblyhands_core.data.outcomes import outcome_columns
 from assemblyhands_core.data.strays import without_strays
 from assemblyhands_core.detectors.base import HandCrop, HandDetection, detect_hands_in
 from assemblyhands_core.detectors.registry import create_hand_detector
-from assemblyhands_core.geometry.triangulation import Triangulation, triangulate
+from assemblyhands_core.geometry.triangulation import triangulate
 from assemblyhands_core.hands.joints import NUM_JOINTS
 from stages._contract import Context, Stage, Tables
 from stages._detector_config import DetectorConfig, detector_externals
@@ -29,6 +30,7 @@ _AT_ONCE = 64  # crops that are decoded at a time
 
 Row = Mapping[str, Any]
 Seen = tuple[Row, HandDetection]
+Floats = npt.NDArray[np.float64]
 
 
 class TriangulateEgoConfig(DetectorConfig):
@@ -82,36 +84,51 @@ def _view(crop: Row) -> tuple[int, str, str]:
 
 
 def _joined(config: TriangulateEgoConfig, seen: Sequence[Seen]) -> dict[str, Any]:
-    """Return the joint columns of a hand from the views that found it; holes where fewer than two did."""
-    if len(seen) < config.min_views:
-        reason = "too_few_views" if seen else "no_detection"
-        return {
-            "joints_world_mm": np.full(3 * NUM_JOINTS, np.nan),
-            "valid": np.zeros(NUM_JOINTS, dtype=bool),
-            "reason": [reason] * NUM_JOINTS,
-            "num_views": np.zeros(NUM_JOINTS),
-            "reprojection_px": np.full(NUM_JOINTS, np.nan),
-        }
-    found = without_strays(_triangulated(config, seen), config.max_span_mm)
-    columns = {name: values[0] for name, values in outcome_columns(found, NUM_JOINTS).items()}
-    return {"joints_world_mm": found.points_world_mm.ravel(), **columns}
+    """Return the joint columns of a hand from the views that found it; holes where fewer than needed did."""
+    pixels, confidence = _used(config, seen)
+    columns = _hole() if len(seen) < config.min_views else _triangulated(config, seen, pixels, confidence)
+    is_unseen = ~(confidence > 0).any(axis=1)
+    return columns | {"reason": np.where(is_unseen, "no_detection", columns["reason"])}
 
 
-def _triangulated(config: TriangulateEgoConfig, seen: Sequence[Seen]) -> Triangulation:
-    confidence = np.stack([hit.confidence for _, hit in seen], axis=1)
-    return triangulate(
-        np.stack([hit.keypoints_px for _, hit in seen], axis=1),
+def _used(config: TriangulateEgoConfig, seen: Sequence[Seen]) -> tuple[Floats, Floats]:
+    """Return pixels (21, view, 2), NaN where a view did not see the joint well enough, and confidence, 0 there."""
+    pixels, confidence = np.full((NUM_JOINTS, len(seen), 2), np.nan), np.zeros((NUM_JOINTS, len(seen)))
+    for view, (_, hit) in enumerate(seen):
+        is_sure = hit.confidence >= config.min_confidence
+        pixels[is_sure, view], confidence[is_sure, view] = hit.keypoints_px[is_sure], hit.confidence[is_sure]
+    return pixels, confidence
+
+
+def _hole() -> dict[str, Any]:
+    return {
+        "joints_world_mm": np.full(3 * NUM_JOINTS, np.nan),
+        "valid": np.zeros(NUM_JOINTS, dtype=bool),
+        "reason": np.full(NUM_JOINTS, "too_few_views", dtype=object),
+        "num_views": np.zeros(NUM_JOINTS),
+        "reprojection_px": np.full(NUM_JOINTS, np.nan),
+    }
+
+
+def _triangulated(
+    config: TriangulateEgoConfig, seen: Sequence[Seen], pixels: Floats, confidence: Floats
+) -> dict[str, Any]:
+    found = triangulate(
+        pixels,
         [camera_from_row(crop) for crop, _ in seen],
-        np.where(confidence >= config.min_confidence, confidence, 0.0),
+        confidence,
         max_reprojection_px=config.max_reprojection_px,
         min_views=config.min_views,
         min_parallax_rad=config.min_parallax_rad,
     )
+    found = without_strays(found, config.max_span_mm)
+    columns = {name: values[0] for name, values in outcome_columns(found, NUM_JOINTS).items()}
+    return {"joints_world_mm": found.points_world_mm.ravel(), **columns}
 
 
 STAGE = Stage(
     name="triangulate_ego",
-    version=1,
+    version=2,
     config=TriangulateEgoConfig,
     inputs={"crops": EGO_CROPS},
     outputs={"joints": JOINTS},

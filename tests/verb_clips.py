@@ -13,11 +13,13 @@ from assemblyhands_core.hands.graphs import GraphName
 
 VERBS = ("pick up", "screw", "remove")
 NUM_INSTANTS = 16
+_SHAPE = np.random.default_rng(0).normal(0, 30, (2, 21, 3))
 
 
 def moving_clip(verb: str, number: int, graph: GraphName = "skeleton") -> PoseClip:
-    """Hands of a shape of their own that move by 120 mm along the axis of their verb's place; all of it is observed."""
-    nodes = np.tile(np.random.default_rng(number).normal(0, 30, (1, 2, 21, 3)), (NUM_INSTANTS, 1, 1, 1))
+    """Hands, each a little different, that move by 120 mm along the axis of their verb's place; all is observed."""
+    shape = _SHAPE + np.random.default_rng([1, number]).normal(0, 2, _SHAPE.shape)
+    nodes = np.tile(shape, (NUM_INSTANTS, 1, 1, 1))
     nodes[..., VERBS.index(verb)] += np.linspace(-60, 60, NUM_INSTANTS)[:, None, None]
     observed = np.ones((NUM_INSTANTS, 2), dtype=bool)
     return PoseClip(nodes.astype(np.float32), observed, ~observed, graph)
