@@ -24,6 +24,7 @@ from stages import (
     detect_keypoints,
     draw_body_views,
     draw_crops,
+    draw_ego_crops,
     draw_ego_sheet,
     draw_overlays,
     draw_verb_clips,
@@ -76,6 +77,7 @@ def build_dag(num_rounds: int = 3) -> Dag:
         "undistort": ("undistort",),
         "ego": ("project_ego", "project_manual"),
         "export": (f"round_{num_rounds}", "ego_pictures"),
+        "ego_weights": ("drawn_svegonet",),
         "train_ego": ("svegonet_both", "ego_evaluation_both"),
         "cross": tuple(f"ego_evaluation_{labels}" for labels in ("manual", "automatic", "both")),
         "predict": ("predict_ego", "predict_manual", "ego_evaluation", "ego_sheet"),
@@ -226,6 +228,10 @@ def _add_egocentric(dag: Dag, last: str) -> None:
     dag.add("project_ego", project_ego.STAGE, **automatic)
     dag.add("project_manual", project_ego.STAGE, **manual)
     dag.add("ego_pictures", write_ego_pictures.STAGE, **automatic)
+    drawn = {"orders": CROP_EDGE, "chunks": "crop_plan.chunks"}
+    dag.add("drawn_ego_crops", draw_ego_crops.STAGE, **drawn)
+    on_drawn = {"members": MEMBER_EDGE, "automatic": "drawn_ego_crops.crops"}
+    dag.add("drawn_svegonet", train_svegonet.ON_AUTOMATIC, **on_drawn)
     dag.add("svegonet", use_weights.SVEGONET)
     _add_prediction(dag, "", "svegonet.weights")
     seen = {"views": "ingest.views", "crops": "project_ego.crops", "hands": "predict_ego.hands"}

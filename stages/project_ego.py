@@ -9,17 +9,15 @@ boxes, as the release's do, are cropped around those, annotated or not.
 from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
 from pydantic import Field
 
-from assemblyhands_core.data.camera_rows import camera_to_row, missing_camera_row
 from assemblyhands_core.data.catalog import EGO_CROPS
-from assemblyhands_core.data.crop_images import ImageRGB, encode_jpeg
-from assemblyhands_core.data.ego_boxes import OUTSIDE_VIEW, EgoBox, EgoRule, identity_of
+from assemblyhands_core.data.crop_images import ImageRGB
+from assemblyhands_core.data.ego_boxes import OUTSIDE_VIEW, EgoBox, EgoRule
+from assemblyhands_core.data.ego_crop_rows import ego_crop_row, ego_hole_row
 from assemblyhands_core.data.ego_views import EGO_INPUTS, EgoHands, EgoView, ego_hands, ego_views
 from assemblyhands_core.geometry.regions import cut_region
-from assemblyhands_core.hands.joints import HANDS, NUM_BOTH, NUM_JOINTS, Hand
-from assemblyhands_core.metrics.keypoints import relative_to_wrist
+from assemblyhands_core.hands.joints import HANDS, NUM_JOINTS, Hand
 from stages._contract import Context, Stage, StageConfig, Tables
 
 Row = dict[str, Any]
@@ -50,7 +48,9 @@ def run(config: ProjectEgoConfig, inputs: Tables, context: Context) -> Tables:
 def _rows(config: ProjectEgoConfig, view: EgoView, hands: Mapping[int, EgoHands], context: Context) -> list[Row]:
     """Return what became of both hands at each frame of one camera."""
     boxes = {frame: view.hand_boxes(frame, both, config.rule()) for frame, both in hands.items()}
-    rows = {(frame, hand): _hole(box) for frame, both in boxes.items() for hand, box in zip(HANDS, both, strict=True)}
+    rows = {
+        (frame, hand): ego_hole_row(box) for frame, both in boxes.items() for hand, box in zip(HANDS, both, strict=True)
+    }
     wanted = [frame for frame, both in boxes.items() if any(not box.reason for box in both)]
     for frame, picture in view.pictures(wanted, context.num_threads):
         for hand, box in zip(HANDS, boxes.get(frame, ()), strict=False):
@@ -70,45 +70,18 @@ def _crop(
     rectified = view.camera_at(frame)
     region = cut_region(picture, rectified, view.grid, box.center_px, box.side_px, config.size_px)
     if region is None:
-        return _hole(box) | {"reason": OUTSIDE_VIEW}
-    pixels, own = region.camera.project(hands.joints_world_mm), HANDS.index(hand)
-    is_known = view.known_joints(frame, hands)
-    in_camera = np.where(hands.is_known[..., None], region.camera.to_camera(hands.joints_world_mm), np.nan)
-    other = rectified.project(hands.joints_world_mm[1 - own])
-    return {
-        **camera_to_row(region.camera),
-        "image": encode_jpeg(region.image, config.jpeg_quality),
-        "joints_camera_mm": in_camera.ravel(),
-        "joints_wrist_relative_mm": relative_to_wrist(in_camera.reshape(1, NUM_BOTH, 3)).ravel(),
-        "joints_px": pixels.ravel(),
-        "is_labelled": (is_known & region.camera.contains(pixels)).ravel(),
-        "identity": identity_of(box, hand, other, is_known[1 - own], config.rule()),
-        "num_in_image": box.num_in_image,
-        "border_px": box.border_px,
-        "verb": view.verbs.get(frame, ""),
-        "source": hands.sources[own],
-        "valid": True,
-        "reason": "",
-    }
-
-
-def _hole(box: EgoBox) -> Row:
-    unknown = np.full(3 * NUM_BOTH, np.nan)
-    return {
-        **missing_camera_row(),
-        "image": b"",
-        "joints_camera_mm": unknown,
-        "joints_wrist_relative_mm": unknown,
-        "joints_px": np.full(2 * NUM_BOTH, np.nan),
-        "is_labelled": np.zeros(NUM_BOTH, dtype=bool),
-        "identity": "",
-        "num_in_image": box.num_in_image,
-        "border_px": box.border_px,
-        "verb": "",
-        "source": "",
-        "valid": False,
-        "reason": box.reason or "missing_frame",
-    }
+        return ego_hole_row(box, OUTSIDE_VIEW)
+    row = ego_crop_row(
+        (region.image, region.camera),
+        rectified,
+        hands.joints_world_mm,
+        view.known_joints(frame, hands),
+        hand,
+        box,
+        config.rule(),
+        jpeg_quality=config.jpeg_quality,
+    )
+    return row | {"verb": view.verbs.get(frame, ""), "source": hands.sources[HANDS.index(hand)]}
 
 
 STAGE = Stage(

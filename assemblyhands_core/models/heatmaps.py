@@ -145,7 +145,9 @@ def _masked_mean(values: Float[Tensor, "batch joint"], is_counted: Bool[Tensor, 
 def _probabilities(
     heatmaps: Float[Tensor, "batch joint *cell"], temperature: float
 ) -> Float[Tensor, "batch joint *cell"]:
-    flat = (_precise(heatmaps).flatten(2) / temperature).softmax(dim=-1)
+    logits = _precise(heatmaps).flatten(2)
+    scaled = logits if temperature == 1 else logits / temperature  # a pass over all cells saved, and one back
+    flat = scaled.softmax(dim=-1)
     return flat.view(-1, *heatmaps.shape[1:])  # -1: an exported network takes batches of any size
 
 

@@ -59,7 +59,7 @@ class EgoEstimate(NamedTuple):
     Attributes:
         pixels: Joints (x, y) in the crop, integers at pixel centres.
         depth_mm: Of each joint beyond its own wrist, along the optical axis.
-        confidence: Probability near each, in [0, 1].
+        confidence: Probability near each, in [0, 1]; NaN in training, which does not need it.
         identity: Logits of `IDENTITIES`.
         cells: The joints (depth, y, x) in cells of the heatmaps.
         heatmaps: Logits.
@@ -103,8 +103,12 @@ class SVEgoNet(nn.Module):
             decoding: How heatmaps are read; through `argmax` (the paper's) no gradient flows.
         """
         features = self.encoder(images)
-        volumes = self.head(features).unflatten(1, (NUM_BOTH, self.config.num_depths))
-        cells, confidence = maps.read_joints(volumes, self.config.confidence_radius_cells)
+        # One copy here instead of one for each of its readers: the head leaves its channels last.
+        volumes = self.head(features).contiguous().unflatten(1, (NUM_BOTH, self.config.num_depths))
+        if self.training:
+            cells, confidence = maps.soft_argmax(volumes), volumes.new_full(volumes.shape[:2], torch.nan)
+        else:
+            cells, confidence = maps.read_joints(volumes, self.config.confidence_radius_cells)
         if decoding == "argmax":
             cells = maps.argmax(volumes)
         pooled = torch.cat((features.mean(dim=(-2, -1)), features.amax(dim=(-2, -1))), dim=-1)
