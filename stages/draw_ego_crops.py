@@ -1,7 +1,7 @@
 """Draw crops of the headset's pictures for training, directly, with their true joints: one short take a chunk.
 
-They come as the table that annotated recordings give (`project_ego`), hence training reads both the same way. One
-recording of the studio costs a hundred times as much for each crop.
+They come as the table that annotated recordings give (`project_ego`), hence training reads both the same way. A crop
+costs a twentieth of one that is filmed and annotated.
 """
 
 from collections.abc import Iterator, Mapping
