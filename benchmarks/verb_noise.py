@@ -39,7 +39,7 @@ def main() -> None:
         return
     weights = load_table(options.run / "drawn_verb_weights")
     table = [_row(noise_mm, clips, weights, options.threads) for noise_mm in options.noise_mm]
-    print(f"{clips.num_rows} segments; intervals over takes, 95 %")
+    print(f"{len(clips['segment'].unique())} segments; intervals over takes, 95 %")
     print(f"{'noise mm':>9}" + "".join(f"{name:>30}" for name in METRICS))
     for noise_mm, cells in table:
         print(f"{noise_mm:9.1f}" + "".join(f"{_text(cells[name]):>30}" for name in METRICS))

@@ -3,21 +3,20 @@
 import zlib
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 from pydantic import Field
 
 from assemblyhands_core.data.catalog import WEIGHTS
+from assemblyhands_core.data.fine_grained import VERBS
 from assemblyhands_core.data.pose_clips import PoseClip
 from assemblyhands_core.data.pose_sequences import WRIST_NODE
 from assemblyhands_core.data.verb_clip_rows import clips_of
+from assemblyhands_core.data.verb_segments import VerbSegment
 from assemblyhands_core.data.verb_tables import VERB_CLIPS, VERB_PREDICTIONS
 from stages._contract import Context, Stage, StageConfig, Tables
 from stages._training import weights_file
-
-_NAMES: Final = ["sequence_id", "segment", "verb", "first_key"]
 
 
 class ClassifyVerbsConfig(StageConfig):
@@ -34,21 +33,24 @@ def run(config: ClassifyVerbsConfig, inputs: Tables, context: Context) -> Tables
     Raises:
         ValueError: The network was trained for clips of another rate or graph, or its file does not say for what.
     """
-    rows = inputs["clips"].select(_NAMES).to_pylist()
-    reference = dict(zip(inputs["reference"]["segment"].to_pylist(), clips_of(inputs["reference"]), strict=True))
-    pairs = zip(rows, clips_of(inputs["clips"]), strict=True)
-    clips = [_noisy(clip, config, f"{row['sequence_id']} {row['segment']}") for row, clip in pairs]
-    probability, verbs = _probabilities(config, inputs, clips, context)
+    given = clips_of(inputs["clips"])
+    segments = [segment for segment, _ in given]
+    clips = [_noisy(clip, config, f"{one.recording} {one.number}") for one, clip in given]
+    reference = {segment.number: clip for segment, clip in clips_of(inputs["reference"])}
+    probability, verbs = _probabilities(config, inputs, segments, clips, context)
     found = []
-    for row, clip, values in zip(rows, clips, probability, strict=True):
+    for segment, clip, values in zip(segments, clips, probability, strict=True):
         is_seen = bool(np.isfinite(values).all())
         found.append(
             {
-                **row,
+                "sequence_id": segment.recording,
+                "segment": segment.number,
+                "verb": segment.verb,
+                "first_key": segment.first_key,
                 "predicted": verbs[int(values.argmax())] if is_seen else "",
                 "confidence": values.max() if is_seen else np.nan,
-                "probability": values,
-                "pose_error_mm": wrist_relative_error_mm(clip, reference.get(row["segment"])),
+                "probability": _of_all_verbs(values, verbs),
+                "pose_error_mm": wrist_relative_error_mm(clip, reference.get(segment.number)),
                 "coverage": 100 * clip.coverage,
             }
         )
@@ -67,6 +69,13 @@ def wrist_relative_error_mm(clip: PoseClip, reference: PoseClip | None) -> float
     return float(np.linalg.norm((one - one[:, wrist, None]) - (other - other[:, wrist, None]), axis=-1).mean())
 
 
+def _of_all_verbs(values: npt.NDArray[np.float32], verbs: tuple[str, ...]) -> npt.NDArray[np.float32]:
+    """Return the probabilities of Assembly101's verbs: 0 of those that are no class, NaN of all without prediction."""
+    found = np.where(np.isfinite(values).all(), np.zeros(len(VERBS), dtype=np.float32), np.float32(np.nan))
+    found[[VERBS.index(verb) for verb in verbs]] = values
+    return found
+
+
 def _noisy(clip: PoseClip, config: ClassifyVerbsConfig, name: str) -> PoseClip:
     """Return a clip with noise of its own on every node, which no order of work changes."""
     if config.noise_mm == 0:
@@ -77,27 +86,31 @@ def _noisy(clip: PoseClip, config: ClassifyVerbsConfig, name: str) -> PoseClip:
 
 
 def _probabilities(
-    config: ClassifyVerbsConfig, inputs: Tables, clips: Sequence[PoseClip], context: Context
+    config: ClassifyVerbsConfig,
+    inputs: Tables,
+    segments: Sequence[VerbSegment],
+    clips: Sequence[PoseClip],
+    context: Context,
 ) -> tuple[npt.NDArray[np.float32], tuple[str, ...]]:
     """Return the probabilities (clip, verb), NaN where nothing was seen, and the verbs."""
     # Importing torch takes seconds, which every command would pay at the head of this file.
     from assemblyhands_core.models.verb_classification import VerbClassifier
 
-    classifier, nouns = VerbClassifier.load(weights_file(inputs["weights"])), inputs["clips"]["noun"].to_pylist()
+    classifier = VerbClassifier.load(weights_file(inputs["weights"]))
     wanted_hz = classifier.sequence.rate_hz
-    if other := set(inputs["clips"]["rate_hz"].to_pylist()) - {wanted_hz}:
+    if other := set(inputs["clips"]["rate_hz"].unique().to_pylist()) - {wanted_hz}:
         raise ValueError(f"the network takes clips of {wanted_hz} Hz, these are of {other.pop()} Hz: cut them anew.")
     found = np.full((len(clips), len(classifier.verbs)), np.nan, dtype=np.float32)
     seen = [index for index, clip in enumerate(clips) if clip.observed.any()]
     if seen:
-        chosen, told = [clips[index] for index in seen], [nouns[index] for index in seen]
+        chosen, told = [clips[index] for index in seen], [segments[index].noun for index in seen]
         found[seen] = classifier.probabilities(chosen, told, config.batch_size, context.num_threads)
     return found, classifier.verbs
 
 
 STAGE = Stage(
     name="classify_verbs",
-    version=1,
+    version=2,
     config=ClassifyVerbsConfig,
     inputs={"clips": VERB_CLIPS, "reference": VERB_CLIPS, "weights": WEIGHTS},
     outputs={"predictions": VERB_PREDICTIONS},

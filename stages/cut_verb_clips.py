@@ -17,7 +17,7 @@ from assemblyhands_core.data.catalog import JOINTS, SOURCES, VIEWS
 from assemblyhands_core.data.fine_grained import read_fine_grained
 from assemblyhands_core.data.label_rows import first_key_of, keys_per_frame, read_recording
 from assemblyhands_core.data.pose_clips import cut_clip
-from assemblyhands_core.data.verb_clip_rows import clip_row, tracks_of_joints
+from assemblyhands_core.data.verb_clip_rows import clip_rows, tracks_of_joints
 from assemblyhands_core.data.verb_segments import VerbSegments, VerbSelection, select_verb_segments
 from assemblyhands_core.data.verb_tables import VERB_CLIPS, VERB_PROBLEMS
 from assemblyhands_core.hands.graphs import GraphName
@@ -58,7 +58,7 @@ def run(config: CutVerbClipsConfig, inputs: Tables, context: Context) -> Tables:
     tracks = tracks_of_joints(inputs["joints"], num_frames, step, first_key, config.graph)
     clips = [cut_clip(tracks, s.first_key, s.last_key, config.rate_hz, config.context_keys) for s in found.segments]
     pairs = zip(found.segments, clips, strict=True)
-    rows = [clip_row(context.sequence_id, segment, clip, config.rate_hz) for segment, clip in pairs]
+    rows = [row for segment, clip in pairs for row in clip_rows(segment, clip, config.rate_hz)]
     num_unseen = sum(not clip.observed.any() for clip in clips)
     return {"clips": VERB_CLIPS.from_rows(rows), "problems": _problems(found, num_unseen, context)}
 
@@ -79,7 +79,7 @@ def _problems(found: VerbSegments, num_unseen: int, context: Context) -> pa.Tabl
 
 STAGE = Stage(
     name="cut_verb_clips",
-    version=2,
+    version=3,
     config=CutVerbClipsConfig,
     inputs={"actions": SOURCES, "views": VIEWS, "joints": JOINTS},
     outputs={"clips": VERB_CLIPS, "problems": VERB_PROBLEMS},

@@ -10,7 +10,7 @@ from assemblyhands_core.data.assemblyhands import KEY_RATE_HZ
 from assemblyhands_core.data.catalog import CHUNKS
 from assemblyhands_core.data.pose_clips import PoseTracks, cut_clip
 from assemblyhands_core.data.studio_tables import CROP_ORDERS
-from assemblyhands_core.data.verb_clip_rows import clip_row
+from assemblyhands_core.data.verb_clip_rows import clip_rows
 from assemblyhands_core.data.verb_segments import VerbSegment
 from assemblyhands_core.data.verb_tables import VERB_CLIPS
 from assemblyhands_core.hands.graphs import GraphName
@@ -40,15 +40,10 @@ def run(config: DrawVerbClipsConfig, inputs: Tables, context: Context) -> Tables
     tracks = _tracks(config, take)
     # A set's takes are one sequence: numbers go on from take to take, keys begin anew.
     first_number = chunk["chunk"] * _MOST_SEGMENTS
-    rows = [
-        clip_row(
-            context.sequence_id,
-            segment,
-            cut_clip(tracks, segment.first_key, segment.last_key, config.rate_hz, config.context_keys),
-            config.rate_hz,
-        )
-        for segment in _segments(take, context.sequence_id, first_number)
-    ]
+    rows = []
+    for segment in _segments(take, context.sequence_id, first_number):
+        clip = cut_clip(tracks, segment.first_key, segment.last_key, config.rate_hz, config.context_keys)
+        rows += clip_rows(segment, clip, config.rate_hz)
     return {"clips": VERB_CLIPS.from_rows(rows)}
 
 
@@ -70,7 +65,7 @@ def _segments(take: Take, sequence_id: str, first_number: int) -> Iterator[VerbS
 
 STAGE = Stage(
     name="draw_verb_clips",
-    version=1,
+    version=2,
     config=DrawVerbClipsConfig,
     inputs={"orders": CROP_ORDERS, "chunks": CHUNKS},
     outputs={"clips": VERB_CLIPS},

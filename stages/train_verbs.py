@@ -1,14 +1,16 @@
 """Train MS-G3D to tell verbs from clips of hand poses of one source, in the training sequences (paper, Sec. 5)."""
 
+from collections.abc import Sequence
 from typing import Literal
 
 import pyarrow as pa
-import pyarrow.compute as pc
 from pydantic import Field
 
 from assemblyhands_core.data.catalog import MEMBERS, TRAINING_CURVE, WEIGHTS
+from assemblyhands_core.data.pose_clips import PoseClip
 from assemblyhands_core.data.pose_sequences import Centre, Length, PoseSequenceConfig, Scale
 from assemblyhands_core.data.verb_clip_rows import clips_of
+from assemblyhands_core.data.verb_segments import VerbSegment
 from assemblyhands_core.data.verb_tables import VERB_CLIPS
 from assemblyhands_core.training.verb_dataset import PLAIN, Mirroring, VerbAugmentation, VerbClips
 from stages._contract import Context, Stage, StageConfig, Tables
@@ -16,6 +18,8 @@ from stages._training import ScheduleConfig, fitted, is_held_out, started, train
 
 TRAINING_SPLITS = ("train", "manual_train")
 _VALIDATION_SPLITS = ("val", "manual_val")
+
+Clip = tuple[VerbSegment, PoseClip]
 
 
 class VerbAugmentationConfig(StageConfig):
@@ -62,8 +66,8 @@ def run(config: TrainVerbsConfig, inputs: Tables, context: Context) -> Tables:
 
     torch.manual_seed(config.seed)
     training, held_out = _split(config, inputs)
-    sequence = _sequence(config, pa.concat_tables([training, held_out]))
-    nouns = tuple(sorted(set(training["noun"].to_pylist()))) if config.object_cue else ()
+    sequence = _sequence(config, inputs["clips"])
+    nouns = tuple(sorted({segment.noun for segment, _ in training})) if config.object_cue else ()
     shape = MSG3DConfig(
         len(config.verbs),
         config.num_gcn_scales,
@@ -82,51 +86,54 @@ def run(config: TrainVerbsConfig, inputs: Tables, context: Context) -> Tables:
     return fitted(network, task, config, context, card, "percent")
 
 
-def _split(config: TrainVerbsConfig, inputs: Tables) -> tuple[pa.Table, pa.Table]:
+def _split(config: TrainVerbsConfig, inputs: Tables) -> tuple[list[Clip], list[Clip]]:
     """Return what is learnt from and what is held out: sequences of split `val`, else the last ones for training.
 
     Where there is a single one, it is its last segments. Segments in which no hand was seen are in neither.
     """
-    members, clips = inputs["members"], inputs["clips"]
-    clips = clips.filter(pa.array([bool(clip.observed.any()) for clip in clips_of(clips)], pa.bool_()))
-    training, held_out = (_of_splits(clips, members, splits) for splits in (TRAINING_SPLITS, _VALIDATION_SPLITS))
-    if not training.num_rows:
+    members = inputs["members"]
+    splits = dict(zip(members["sequence_id"].to_pylist(), members["split"].to_pylist(), strict=True))
+    seen = [(splits.get(one.recording, ""), (one, clip)) for one, clip in clips_of(inputs["clips"]) if clip.coverage]
+    training = [clip for split, clip in seen if split in TRAINING_SPLITS]
+    held_out = [clip for split, clip in seen if split in _VALIDATION_SPLITS]
+    if not training:
         raise ValueError("no sequence of split train has poses in segments with verbs: add some")
-    if held_out.num_rows:
+    if held_out:
         return training, held_out
-    rows = training.append_column("frame", training["segment"])
-    names = ["sequence_id", "segment"] if pc.count_distinct(rows["sequence_id"]).as_py() == 1 else ["sequence_id"]
-    takes = rows.group_by(names).aggregate([("segment", "min")]).rename_columns([*names, "first_frame"])
-    is_apart = is_held_out(rows, takes, config.held_out_share)
-    return training.filter(pc.invert(is_apart)), training.filter(is_apart)
+    is_apart = _is_last(config, training)
+    parts = list(zip(training, is_apart, strict=True))
+    return [clip for clip, is_out in parts if not is_out], [clip for clip, is_out in parts if is_out]
 
 
-def _of_splits(clips: pa.Table, members: pa.Table, splits: tuple[str, ...]) -> pa.Table:
-    names = members.filter(pc.is_in(members["split"], value_set=pa.array(splits)))["sequence_id"].combine_chunks()
-    return clips.filter(pc.is_in(clips["sequence_id"], value_set=names))
+def _is_last(config: TrainVerbsConfig, clips: Sequence[Clip]) -> list[bool]:
+    """Return which clips are of the last sequences, or of a single one the last clips."""
+    names, numbers = [one.recording for one, _ in clips], [one.number for one, _ in clips]
+    rows = pa.table({"sequence_id": names, "frame": numbers})
+    takes = rows.group_by("sequence_id").aggregate([("frame", "min")]) if len(set(names)) > 1 else rows
+    is_apart = is_held_out(rows, takes.rename_columns(["sequence_id", "first_frame"]), config.held_out_share)
+    return [bool(is_out) for is_out in is_apart.to_pylist()]
 
 
 def _sequence(config: TrainVerbsConfig, clips: pa.Table) -> PoseSequenceConfig:
     """Return how clips become the network's input."""
-    kinds = {(row["rate_hz"], row["graph"]) for row in clips.select(["rate_hz", "graph"]).to_pylist()}
+    found = clips.group_by(["rate_hz", "graph"]).aggregate([]).to_pylist()
+    kinds = sorted((row["rate_hz"], row["graph"]) for row in found)
     if len(kinds) > 1:
-        raise ValueError(
-            f"clips differ in rate and graph ({sorted(kinds)}): cut all of them anew with equal parameters"
-        )
+        raise ValueError(f"clips differ in rate and graph ({kinds}): cut all of them anew with equal parameters")
     ((rate_hz, graph),) = kinds
     return PoseSequenceConfig(rate_hz, 0, config.num_frames, config.length, config.centre, config.scale, graph)
 
 
 def _clips(
     config: TrainVerbsConfig,
-    table: pa.Table,
+    given: Sequence[Clip],
     nouns: tuple[str, ...],
     sequence: PoseSequenceConfig,
     augmentation: VerbAugmentation,
 ) -> VerbClips:
     clips = VerbClips.of(
-        clips_of(table),
-        list(zip(table["verb"].to_pylist(), table["noun"].to_pylist(), strict=True)),
+        [clip for _, clip in given],
+        [(segment.verb, segment.noun) for segment, _ in given],
         config.verbs,
         nouns,
         sequence,

@@ -6,7 +6,7 @@ import numpy as np
 import pyarrow as pa
 
 from assemblyhands_core.data.pose_clips import PoseClip
-from assemblyhands_core.data.verb_clip_rows import clip_row
+from assemblyhands_core.data.verb_clip_rows import clip_rows
 from assemblyhands_core.data.verb_segments import VerbSegment
 from assemblyhands_core.data.verb_tables import VERB_CLIPS
 from assemblyhands_core.hands.graphs import GraphName
@@ -37,8 +37,9 @@ def clip_table(
     """Return clips as a sequence's segments, numbered from 0; without nouns all are done with a bolt."""
     return VERB_CLIPS.from_rows(
         [
-            clip_row(sequence_id, VerbSegment(sequence_id, i, verb, noun, 100 * i, 100 * i + 31), clip, rate_hz)
+            row
             for i, (verb, clip, noun) in enumerate(zip(verbs, clips, nouns or ["bolt"] * len(verbs), strict=True))
+            for row in clip_rows(VerbSegment(sequence_id, i, verb, noun, 100 * i, 100 * i + 31), clip, rate_hz)
         ]
     )
 

@@ -1,19 +1,20 @@
 """Clips of poses as rows of the table `verb_tables.VERB_CLIPS`, and the poses of a table of joints as tracks."""
 
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 import pyarrow as pa
-import pyarrow.compute as pc
 
 from assemblyhands_core.data.arrays import to_numpy
 from assemblyhands_core.data.assemblyhands import KEY_RATE_HZ
 from assemblyhands_core.data.pose_clips import PoseClip, PoseTracks
 from assemblyhands_core.data.rounds import joints_or_nan
 from assemblyhands_core.data.verb_segments import VerbSegment
+from assemblyhands_core.data.verb_tables import VERB_CLIPS
 from assemblyhands_core.hands.graphs import GraphName
 from assemblyhands_core.hands.joints import HANDS, NUM_BOTH, NUM_JOINTS
+
+_SAID: Final = ("verb", "noun", "first_key", "last_key")
 
 
 def tracks_of_joints(
@@ -46,10 +47,10 @@ def tracks_of_joints(
     return PoseTracks.of(points, np.asarray(np.isfinite(points).all(axis=-1)), times_s, graph)
 
 
-def clip_row(sequence_id: str, segment: VerbSegment, clip: PoseClip, rate_hz: int) -> dict[str, Any]:
-    """Return a segment's clip as a row."""
-    return {
-        "sequence_id": sequence_id,
+def clip_rows(segment: VerbSegment, clip: PoseClip, rate_hz: int) -> list[dict[str, Any]]:
+    """Return a segment's clip as rows, one for each instant."""
+    names = {
+        "sequence_id": segment.recording,
         "segment": segment.number,
         "verb": segment.verb,
         "noun": segment.noun,
@@ -57,25 +58,25 @@ def clip_row(sequence_id: str, segment: VerbSegment, clip: PoseClip, rate_hz: in
         "last_key": segment.last_key,
         "rate_hz": rate_hz,
         "graph": clip.graph,
-        "nodes_mm": clip.nodes_mm.ravel(),
-        "observed": clip.observed.ravel(),
-        "is_interpolated": clip.is_interpolated.ravel(),
     }
-
-
-def clips_of(table: pa.Table) -> list[PoseClip]:
-    """Return the clips of a table, in the order of its rows; their arrays are views of its columns."""
-    shape = -1, len(HANDS)
-    columns = (_values(table[name]) for name in ("nodes_mm", "observed", "is_interpolated"))
+    columns = zip(clip.nodes_mm, clip.observed, clip.is_interpolated, strict=True)
     return [
-        PoseClip(nodes.reshape(*shape, NUM_JOINTS, 3), observed.reshape(shape), between.reshape(shape), graph)
-        for nodes, observed, between, graph in zip(*columns, table["graph"].to_pylist(), strict=True)
+        {**names, "instant": instant, "nodes_mm": nodes.ravel(), "observed": observed, "is_interpolated": between}
+        for instant, (nodes, observed, between) in enumerate(columns)
     ]
 
 
-def _values(column: pa.ChunkedArray) -> list[npt.NDArray[Any]]:
-    """Return each row's values; by way of Python's numbers a training set would take gigabytes."""
-    lists = column.combine_chunks()
-    lengths, values = to_numpy(pc.list_value_length(lists)), to_numpy(lists.flatten())
-    ends = np.cumsum(lengths, dtype=np.int64)
-    return [values[first:end] for first, end in zip(ends - lengths, ends, strict=True)]
+def clips_of(table: pa.Table) -> list[tuple[VerbSegment, PoseClip]]:
+    """Return segments with their clips by sequence and number, whatever the order of a table's rows."""
+    table = table.sort_by([(name, "ascending") for name in VERB_CLIPS.key])
+    starts = np.flatnonzero(to_numpy(table["instant"]) == 0)
+    columns = (np.split(to_numpy(table[name]), starts)[1:] for name in ("nodes_mm", "observed", "is_interpolated"))
+    return [
+        (
+            VerbSegment(row["sequence_id"], row["segment"], *(row[name] for name in _SAID)),
+            PoseClip(nodes.reshape(-1, len(HANDS), NUM_JOINTS, 3), observed, between, row["graph"]),
+        )
+        for row, nodes, observed, between in zip(
+            table.select([*VERB_CLIPS.key, *_SAID, "graph"]).take(starts).to_pylist(), *columns, strict=True
+        )
+    ]

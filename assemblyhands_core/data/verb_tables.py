@@ -4,26 +4,29 @@ from typing import Final
 
 import pyarrow as pa
 
+from assemblyhands_core.data.fine_grained import VERBS
 from assemblyhands_core.data.tables import TableSpec
+from assemblyhands_core.hands.joints import HANDS, NUM_BOTH
 
-_TEXT, _FLAGS = pa.string(), pa.list_(pa.bool_())
+_TEXT, _FLAGS = pa.string(), pa.list_(pa.bool_(), len(HANDS))
 _SEGMENT: Final = [("sequence_id", _TEXT), ("segment", pa.int32())]
 
 VERB_CLIPS: Final = TableSpec(
     "verb_clips",
-    1,
-    ("sequence_id", "segment"),
+    2,
+    ("sequence_id", "segment", "instant"),
     pa.schema(
         [
             *_SEGMENT,
+            ("instant", pa.int32()),  # from 0; a clip has one at least
             ("verb", _TEXT),
             ("noun", _TEXT),
             ("first_key", pa.int64()),  # 60 Hz frames of the segment, without the context that the clip has
             ("last_key", pa.int64()),
             ("rate_hz", pa.int32()),  # of the clip's instants
             ("graph", _TEXT),  # what its nodes are
-            ("nodes_mm", pa.list_(pa.float32())),  # instant × hand × node × xyz, NaN for a hand that is never seen
-            ("observed", _FLAGS),  # instant × hand: measured there
+            ("nodes_mm", pa.list_(pa.float32(), NUM_BOTH * 3)),  # hand × node × xyz, NaN for a hand that is never seen
+            ("observed", _FLAGS),  # of each hand: measured there
             ("is_interpolated", _FLAGS),  # put between instants at which it was
         ]
     ),
@@ -38,7 +41,7 @@ VERB_PROBLEMS: Final = TableSpec(
 
 VERB_PREDICTIONS: Final = TableSpec(
     "verb_predictions",
-    1,
+    2,
     ("sequence_id", "segment"),
     pa.schema(
         [
@@ -46,7 +49,7 @@ VERB_PREDICTIONS: Final = TableSpec(
             ("verb", _TEXT),
             ("predicted", _TEXT),  # empty where no pose was seen
             ("confidence", pa.float32()),
-            ("probability", pa.list_(pa.float32())),  # of each class, in the order of the network
+            ("probability", pa.list_(pa.float32(), len(VERBS))),  # of Assembly101's verbs; 0 of what is no class
             ("first_key", pa.int64()),
             ("pose_error_mm", pa.float32()),  # mean of its nodes, wrists at the origin; NaN where nobody knows
             ("coverage", pa.float32()),  # instants and hands of its clip that were observed, in percent

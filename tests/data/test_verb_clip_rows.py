@@ -10,6 +10,7 @@ from verb_clips import clip_table, moving_clip, unseen_clip
 from assemblyhands_core.data.catalog import JOINTS
 from assemblyhands_core.data.pose_clips import PoseClip, cut_clip
 from assemblyhands_core.data.verb_clip_rows import clips_of, tracks_of_joints
+from assemblyhands_core.data.verb_segments import VerbSegment
 from assemblyhands_core.data.verb_tables import VERB_CLIPS
 from assemblyhands_core.hands.graphs import graph_nodes
 from assemblyhands_core.hands.joints import HANDS, NUM_JOINTS
@@ -49,24 +50,24 @@ def test_clips_come_back_whatever_their_length() -> None:
     gap = np.ones((16, 2), dtype=bool)
     gap[3:5, 1] = False
     holed = PoseClip(whole.nodes_mm, gap, ~gap, whole.graph)
-    short = PoseClip(whole.nodes_mm[:3], gap[:3], ~gap[:3], whole.graph)
-    empty = PoseClip(whole.nodes_mm[:0], gap[:0], gap[:0], whole.graph)
-    clips = [empty, whole, short, unseen, empty, holed, beside, empty]
-    table = clip_table("s", ["screw"] * len(clips), clips)
-    for one, other in zip(clips_of(table), clips, strict=True):
-        _assert_equal(one, other)
-    for one, other in zip(clips_of(table.slice(2, 4)), clips[2:6], strict=True):
-        _assert_equal(one, other)
-    parts = pa.concat_tables([table.slice(5), table.slice(0, 5)])
-    for one, other in zip(clips_of(parts), clips[5:] + clips[:5], strict=True):
-        _assert_equal(one, other)
+    short = PoseClip(whole.nodes_mm[:1], gap[:1], ~gap[:1], whole.graph)
+    clips = [whole, short, unseen, holed, beside]
+    table = clip_table("s", ["screw"] * len(clips), clips, rate_hz=15)
+    assert table.num_rows == 4 * 16 + 1
+    shuffled = table.take(np.random.default_rng(0).permutation(table.num_rows))
+    for rows in (table, shuffled, pa.concat_tables([table.slice(40), table.slice(0, 40)])):
+        for number, ((segment, found), clip) in enumerate(zip(clips_of(rows), clips, strict=True)):
+            assert segment == VerbSegment("s", number, "screw", "bolt", 100 * number, 100 * number + 31)
+            _assert_equal(found, clip)
     assert clips_of(VERB_CLIPS.empty()) == []
 
 
-def test_a_row_says_what_the_segment_is() -> None:
-    (row,) = clip_table("s", ["screw"], [moving_clip("screw", 1)], ["nut"], rate_hz=15).to_pylist()
-    names = ("sequence_id", "segment", "verb", "noun", "first_key", "last_key", "rate_hz", "graph")
-    assert [row[name] for name in names] == ["s", 0, "screw", "nut", 0, 31, 15, "skeleton"]
+def test_clips_of_several_sequences_stay_apart() -> None:
+    tables = [clip_table(name, ["screw"], [moving_clip("screw", number)]) for number, name in enumerate("ba")]
+    (first, of_a), (second, of_b) = clips_of(pa.concat_tables(tables))
+    assert (first.recording, second.recording) == ("a", "b")
+    _assert_equal(of_a, moving_clip("screw", 1))
+    _assert_equal(of_b, moving_clip("screw", 0))
 
 
 def test_joints_become_tracks_by_hand_and_time() -> None:

@@ -3,9 +3,10 @@ from pathlib import Path
 import pytest
 
 from assemblyhands_core.data.digests import FileDigests
+from assemblyhands_core.data.label_rows import FROM_FIRST_KEY
 from pipeline.config import ExecutorConfig, GcConfig, RigConfig, RunConfig, UserError
-from pipeline.graph import SOURCE_EDGE, TRUTH_EDGE
-from pipeline.recordings import select_recordings
+from pipeline.graph import ACTION_EDGE, SOURCE_EDGE, TRUTH_EDGE
+from pipeline.recordings import Recording, select_recordings
 
 HEADER = "sequence_id,split,calibration,videos,package\n"
 
@@ -125,3 +126,15 @@ def test_a_wrong_manifest_is_named(tmp_path: Path, text: str, message: str) -> N
 def test_a_manifest_that_is_not_there_is_named(tmp_path: Path) -> None:
     with pytest.raises(UserError, match="names no file"):
         select_recordings(_config(tmp_path, "s1"))
+
+
+@pytest.mark.parametrize(("label_name", "roles"), [("joint_3d", ["actions"]), (FROM_FIRST_KEY, ["actions", "labels"])])
+def test_labels_stand_with_the_actions_where_they_say_at_which_key_pictures_begin(
+    tmp_path: Path, label_name: str, roles: list[str]
+) -> None:
+    for name in ("labels", "actions"):
+        (tmp_path / name).write_text(name)
+    digests, files = FileDigests(tmp_path / "memory.json"), {"labels": tmp_path / "labels", "label_name": label_name}
+    with_actions = Recording("s1", None, {}, actions=tmp_path / "actions", **files)
+    assert [row["role"] for row in with_actions.origin_rows(digests)[ACTION_EDGE]] == roles
+    assert Recording("s1", None, {}, **files).origin_rows(digests)[ACTION_EDGE] == ()

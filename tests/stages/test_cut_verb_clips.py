@@ -20,6 +20,7 @@ from assemblyhands_core.data.fine_grained import (
 from assemblyhands_core.data.label_rows import FROM_FIRST_KEY
 from assemblyhands_core.data.pose_clips import PoseClip
 from assemblyhands_core.data.verb_clip_rows import clips_of
+from assemblyhands_core.data.verb_segments import VerbSegment
 from assemblyhands_core.geometry.cameras import Camera
 from assemblyhands_core.geometry.distortion import Pinhole
 from assemblyhands_core.hands.joints import HANDS, NUM_JOINTS
@@ -93,9 +94,9 @@ def test_two_frames_at_10_hz_become_four_instants_at_30(tmp_path: Path, form: st
     csv, write = tmp_path / "train.csv", {"30fps": write_fine_grained_30fps, "60fps": write_fine_grained_60fps}[form]
     write(csv, [_segment(6, 7)])  # the second frame of 10 Hz is at keys 6 to 11
     made = _run(csv, _joints([1, 2]), _views(10, 10.0), context_keys=6)
-    (row,), (clip,) = made["clips"].to_pylist(), clips_of(made["clips"])
-    assert (row["segment"], row["verb"], row["noun"], row["rate_hz"]) == (0, "screw", "bolt", 30)
-    assert (row["first_key"], row["last_key"], row["graph"]) == (6, 7, "skeleton")
+    ((segment, clip),) = clips_of(made["clips"])
+    assert segment == VerbSegment(NAME, 0, "screw", "bolt", 6, 7) and clip.graph == "skeleton"
+    assert set(made["clips"]["rate_hz"].to_pylist()) == {30}
     # Context goes from key 0 to 13, instants lie at keys 0, 2 … 12; poses are known at keys 6 and 12.
     expected = np.array([1, 1, 1, 1, 4 / 3, 5 / 3, 2])
     np.testing.assert_allclose(_x_frames(clip), np.stack([expected, expected], axis=1), atol=1e-5)
@@ -122,7 +123,7 @@ def test_odd_labels_are_counted_and_named_and_the_others_cut(tmp_path: Path) -> 
     lines.append(lines[1].replace(",screw,", ",dance,"))
     csv.write_text("\n".join(lines) + "\n")
     made = _run(csv, _joints(list(range(60))), _views(60, 30.0))
-    clips = [(row["segment"], row["verb"], row["first_key"], row["last_key"]) for row in made["clips"].to_pylist()]
+    clips = [(one.number, one.verb, one.first_key, one.last_key) for one, _ in clips_of(made["clips"])]
     assert clips == [
         (0, "screw", 0, 59),
         (1, "position", 20, 29),
@@ -152,14 +153,14 @@ def test_a_segment_without_poses_keeps_its_row_and_is_counted(tmp_path: Path) ->
     csv = tmp_path / "train.csv"
     write_fine_grained_60fps(csv, [_segment(0, 19), _segment(40, 79, "remove")])
     made = _run(csv, _joints(list(range(20, 60))), _views(60, 30.0), context_keys=0)
-    unseen, seen = clips_of(made["clips"])
+    (_, unseen), (_, seen) = clips_of(made["clips"])
     assert len(unseen) == 10 and not unseen.observed.any() and not unseen.is_interpolated.any()
     assert np.isnan(unseen.nodes_mm).all()
     assert seen.observed.all()
     np.testing.assert_allclose(_x_frames(seen)[:, 1], np.arange(20, 40), atol=1e-5)
     assert [(row["reason"], row["count"]) for row in made["problems"].to_pylist()] == [("no_poses", 1)]
     nothing = _run(csv, JOINTS.empty(), _views(60, 30.0))
-    assert [len(clip) for clip in clips_of(nothing["clips"])] == [23, 45]  # keys 0 to 44 and 16 to 104
+    assert [len(clip) for _, clip in clips_of(nothing["clips"])] == [23, 45]  # keys 0 to 44 and 16 to 104
     assert [(row["reason"], row["count"]) for row in nothing["problems"].to_pylist()] == [("no_poses", 2)]
 
 
@@ -168,7 +169,7 @@ def test_sources_give_clips_of_the_same_instants(tmp_path: Path) -> None:
     csv = tmp_path / "train.csv"
     write_fine_grained_60fps(csv, [_segment(4, 40)])
     annotated, predicted = (
-        clips_of(_run(csv, _joints(list(frames), source=source), _views(30, 30.0))["clips"])[0]
+        clips_of(_run(csv, _joints(list(frames), source=source), _views(30, 30.0))["clips"])[0][1]
         for frames, source in ((range(30), "mvexonet"), (range(5, 25), "svegonet"))
     )
     is_common = predicted.observed[:, 0]
@@ -196,7 +197,7 @@ def test_the_releases_pictures_begin_with_their_first_label(
     write_joint_annotations(labels, {NAME: known})
     sources = (_source("labels", name, labels),)
     made = _run(csv, _joints(list(range(60))), _views(60, 30.0), sources, first_key=first_key, context_keys=0)
-    (clip,) = clips_of(made["clips"])
+    ((_, clip),) = clips_of(made["clips"])
     np.testing.assert_allclose(_x_frames(clip)[:, 0], np.arange(10, 20), atol=1e-5)
 
 
@@ -211,7 +212,7 @@ def test_graph_and_selection_are_as_told(tmp_path: Path) -> None:
     }  # fmt: skip
     kept = _run(csv, _joints(list(range(30))), _views(30, 30.0), graph="landmarks", context_keys=0)["clips"]
     assert set(kept["graph"].to_pylist()) == {"landmarks"}
-    np.testing.assert_allclose(clips_of(kept)[0].nodes_mm[0, 0, 5], HAND[0, 20], atol=1e-4)  # the wrist
+    np.testing.assert_allclose(clips_of(kept)[0][1].nodes_mm[0, 0, 5], HAND[0, 20], atol=1e-4)  # the wrist
 
 
 def test_without_a_usable_view_it_says_so(tmp_path: Path) -> None:

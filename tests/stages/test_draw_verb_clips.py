@@ -53,16 +53,16 @@ def take() -> Take:
 
 def test_segments_are_the_scripts(clips: pa.Table, take: Take) -> None:
     said = {(s.verb, s.noun, round(60 * s.start_s), round(60 * s.end_s) - 1) for s in take.segments}
-    found = [(row["verb"], row["noun"], row["first_key"], row["last_key"]) for row in clips.to_pylist()]
+    found = [(one.verb, one.noun, one.first_key, one.last_key) for one, _ in clips_of(clips)]
     assert set(found) == said and len(found) == len(said) >= 2
     assert {verb for verb, *_ in found} <= set(PAPER_VERBS)
     assert set(clips["sequence_id"].to_pylist()) == {"set"} and set(clips["rate_hz"].to_pylist()) == {30}
 
 
 def test_poses_are_the_takes_at_their_instants(clips: pa.Table, take: Take) -> None:
-    for row, clip in zip(clips.to_pylist(), clips_of(clips), strict=True):
-        first = max(int(np.ceil((row["first_key"] - 25) / 2)), 0)  # with its context, at 30 Hz
-        last = min((row["last_key"] + 25) // 2, round(30 * take.duration_s) - 2)  # that the take has at 15 Hz
+    for segment, clip in clips_of(clips):
+        first = max(int(np.ceil((segment.first_key - 25) / 2)), 0)  # with its context, at 30 Hz
+        last = min((segment.last_key + 25) // 2, round(30 * take.duration_s) - 2)  # that the take has at 15 Hz
         assert len(clip) == last + 1 - first and clip.is_present.all()
         for instant in range(first % 2, len(clip), 9):
             joints = take.joints_at((first + instant) / 30).reshape(2, 21, 3)
@@ -74,10 +74,10 @@ def test_poses_are_the_takes_at_their_instants(clips: pa.Table, take: Take) -> N
 def test_chunks_are_other_takes_and_share_no_segment_number(clips: pa.Table) -> None:
     other = _run(CHUNK + 1, graph="landmarks")
     assert not set(clips["segment"].to_pylist()) & set(other["segment"].to_pylist())
-    assert clips["segment"].to_pylist() == list(range(3000, 3000 + clips.num_rows))
+    assert [segment.number for segment, _ in clips_of(clips)] == list(range(3000, 3000 + len(clips_of(clips))))
     assert set(other["graph"].to_pylist()) == {"landmarks"}
-    same_nodes = graph_nodes(clips_of(clips)[0].nodes_mm, "landmarks")
-    assert np.abs(clips_of(other)[0].nodes_mm[0] - same_nodes[0]).max() > 10.0
+    same_nodes = graph_nodes(clips_of(clips)[0][1].nodes_mm, "landmarks")
+    assert np.abs(clips_of(other)[0][1].nodes_mm[0] - same_nodes[0]).max() > 10.0
 
 
 def test_equal_orders_give_equal_bytes(clips: pa.Table) -> None:

@@ -33,7 +33,7 @@ def _predictions(sequence_id: str, said: tuple[str, ...], error_mm: float) -> pa
                 "verb": verb,
                 "predicted": predicted,
                 "confidence": 0.8 if predicted else np.nan,
-                "probability": [0.2, 0.8] if predicted else [np.nan, np.nan],
+                "probability": np.full(24, 1 / 24 if predicted else np.nan),
                 "first_key": 60 * number,
                 "pose_error_mm": error_mm if predicted else np.nan,
                 "coverage": 100.0 if predicted else 0.0,
