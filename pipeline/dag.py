@@ -52,7 +52,8 @@ from stages import (
     triangulate,
     triangulate_ego,
     undistort,
-    use_weights,
+    use_msg3d,
+    use_svegonet,
     write_ego_pictures,
 )
 
@@ -232,7 +233,7 @@ def _add_egocentric(dag: Dag, last: str) -> None:
     dag.add("drawn_ego_crops", draw_ego_crops.STAGE, **drawn)
     on_drawn = {"members": MEMBER_EDGE, "automatic": "drawn_ego_crops.crops"}
     dag.add("drawn_svegonet", train_svegonet.ON_AUTOMATIC, **on_drawn)
-    dag.add("svegonet", use_weights.SVEGONET)
+    dag.add("svegonet", use_svegonet.STAGE)
     _add_prediction(dag, "", "svegonet.weights")
     seen = {"views": "ingest.views", "crops": "project_ego.crops", "hands": "predict_ego.hands"}
     dag.add("ego_sheet", draw_ego_sheet.STAGE, **seen)
@@ -265,7 +266,7 @@ def _add_verbs(dag: Dag, last: str) -> None:
     dag.add("drawn_verb_clips", draw_verb_clips.STAGE, **drawn)
     dag.add("drawn_verb_weights", train_verbs.STAGE, members=MEMBER_EDGE, clips="drawn_verb_clips.clips")
     _add_classification(dag, "drawn_verbs", "drawn_verb_clips", "drawn_verb_clips", "drawn_verb_weights")
-    dag.add("msg3d", use_weights.MSG3D)
+    dag.add("msg3d", use_msg3d.STAGE)
     for suffix, views, annotation, found in (
         ("", "ingest.views", f"{last}.joints", "ego"),
         ("_manual", "ingest_ego.views", "ingest_ego.joints", "manual"),

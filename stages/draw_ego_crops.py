@@ -20,13 +20,13 @@ from assemblyhands_core.synthetic.crop_draws import draw_training_take, training
 from assemblyhands_core.synthetic.crop_mode import CropInstant
 from assemblyhands_core.synthetic.rig import RIGS
 from stages._contract import Context, Stage, Tables
+from stages._ego_crops import EgoCropsConfig
 from stages._simulator import simulator_externals
-from stages.project_ego import ProjectEgoConfig
 
 Row = Mapping[str, Any]
 
 
-class DrawEgoCropsConfig(ProjectEgoConfig):
+class DrawEgoCropsConfig(EgoCropsConfig):
     """Parameters of drawing: those by which recordings are cropped."""
 
     size_px: int = Field(ge=32, le=1024)

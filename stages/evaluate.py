@@ -16,8 +16,9 @@ from assemblyhands_core.data.keypoint_rows import rows_of_hands
 from assemblyhands_core.data.round_outcomes import KEPT
 from assemblyhands_core.data.rounds import SMOOTHED, TRUE_ROUND, joints_or_nan
 from assemblyhands_core.hands.joints import NUM_JOINTS
+from assemblyhands_core.hands.wrist import relative_to_wrist
 from assemblyhands_core.metrics.annotation import Resampling, evaluate_annotation
-from assemblyhands_core.metrics.keypoints import joint_errors_mm, relative_to_wrist
+from assemblyhands_core.metrics.keypoints import joint_errors_mm
 from stages._contract import Context, Stage, StageConfig, Tables
 from stages._truth import read_truth
 

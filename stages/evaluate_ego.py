@@ -7,7 +7,8 @@ from assemblyhands_core.data.arrays import to_numpy
 from assemblyhands_core.data.catalog import EGO_CROPS, EGO_ERRORS, EGO_HANDS
 from assemblyhands_core.data.label_rows import MANUAL
 from assemblyhands_core.hands.joints import HANDS, NUM_JOINTS
-from assemblyhands_core.metrics.keypoints import joint_errors_mm, relative_to_wrist
+from assemblyhands_core.hands.wrist import relative_to_wrist
+from assemblyhands_core.metrics.keypoints import joint_errors_mm
 from stages._contract import Context, Stage, StageConfig, Tables
 
 AUTOMATIC = "automatic"

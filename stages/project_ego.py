@@ -9,33 +9,21 @@ boxes, as the release's do, are cropped around those, annotated or not.
 from collections.abc import Mapping
 from typing import Any
 
-from pydantic import Field
-
 from assemblyhands_core.data.catalog import EGO_CROPS
 from assemblyhands_core.data.crop_images import ImageRGB
-from assemblyhands_core.data.ego_boxes import OUTSIDE_VIEW, EgoBox, EgoRule
+from assemblyhands_core.data.ego_boxes import OUTSIDE_VIEW, EgoBox
 from assemblyhands_core.data.ego_crop_rows import ego_crop_row, ego_hole_row
 from assemblyhands_core.data.ego_views import EGO_INPUTS, EgoHands, EgoView, ego_hands, ego_views
 from assemblyhands_core.geometry.regions import cut_region
-from assemblyhands_core.hands.joints import HANDS, NUM_JOINTS, Hand
-from stages._contract import Context, Stage, StageConfig, Tables
+from assemblyhands_core.hands.joints import HANDS, Hand
+from stages._contract import Context, Stage, Tables
+from stages._ego_crops import EgoCropsConfig
 
 Row = dict[str, Any]
 
 
-class ProjectEgoConfig(StageConfig):
+class ProjectEgoConfig(EgoCropsConfig):
     """Parameters of projection."""
-
-    gamma: float = Field(ge=1, le=6)
-    size_px: int = Field(ge=32, le=2048)
-    jpeg_quality: int = Field(ge=1, le=100)
-    min_joints: int = Field(ge=1, le=NUM_JOINTS)
-    min_border_px: float
-    min_other_share: float = Field(gt=0, le=1)
-
-    def rule(self) -> EgoRule:
-        """Return which crops are made."""
-        return EgoRule(self.gamma, self.min_joints, self.min_border_px, self.min_other_share)
 
 
 def run(config: ProjectEgoConfig, inputs: Tables, context: Context) -> Tables:

@@ -10,7 +10,7 @@ from assemblyhands_core.data.crop_images import encode_jpeg
 from assemblyhands_core.data.ego_boxes import EgoBox, EgoRule, identity_of
 from assemblyhands_core.geometry.cameras import Camera
 from assemblyhands_core.hands.joints import HANDS, NUM_BOTH, Hand
-from assemblyhands_core.metrics.keypoints import relative_to_wrist
+from assemblyhands_core.hands.wrist import relative_to_wrist
 
 
 def ego_crop_row(

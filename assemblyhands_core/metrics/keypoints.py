@@ -14,8 +14,6 @@ from typing import Final
 import numpy as np
 from jaxtyping import Bool, Float
 
-from assemblyhands_core.hands.joints import NUM_JOINTS, WRIST
-
 MAX_MM: Final = 20.0
 NUM_THRESHOLDS: Final = 101
 
@@ -129,15 +127,6 @@ def pck_auc_shares(
 def coverage_percent(error_mm: Float[np.ndarray, "row joint"], valid: Bool[np.ndarray, "row joint"]) -> float:
     """Return the percentage of the labelled joints that were found; NaN without labels."""
     return 100 * _mean(np.isfinite(error_mm[valid]))
-
-
-def relative_to_wrist(points_mm: Float[np.ndarray, "row joint 3"]) -> Float[np.ndarray, "row joint 3"]:
-    """Return the joints of one hand (21) or both (42) minus their own hand's wrist: the egocentric figures' form.
-
-    The wrist itself becomes 0, and counts as such in the reference's mean (formats 2.8).
-    """
-    hands = points_mm.reshape(len(points_mm), -1, NUM_JOINTS, 3)
-    return np.asarray(hands - hands[:, :, WRIST, None]).reshape(points_mm.shape)
 
 
 def _mean(values: np.ndarray) -> float:

@@ -95,7 +95,7 @@ def test_predictions_fill_the_challenges_template(trained: Path, tmp_path: Path)
     frames = {f"{FIRST_KEY + 2 * frame:06d}": {"world_coord": [[-1.0] * 3] * 42} for frame in range(NUM_FRAMES)}
     template = tmp_path / "template.json"
     template.write_text(json.dumps({"annotations": {TEST: {**frames, "000998": {"world_coord": []}}}}))
-    settings = (f"hands2023_template={template}", f"use_weights.svegonet={weights}", *TINY[-2:])
+    settings = (f"hands2023_template={template}", f"use_svegonet.weights={weights}", *TINY[-2:])
     outcome = release.run("predict", *settings, workspace=tmp_path / "work").assert_done()
     assert load(tmp_path / "work" / "runs" / "latest" / "ego_evaluation").empty, "without labels there are no figures"
     assert f"{TEST}: 1 of {NUM_FRAMES + 1} frames are not predicted, 000998 the first" in outcome.said

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from assemblyhands_core.hands.joints import NUM_JOINTS, WRIST
+from assemblyhands_core.hands.wrist import relative_to_wrist
 from assemblyhands_core.metrics.keypoints import (
     Score,
     joint_errors_mm,
@@ -14,7 +15,6 @@ from assemblyhands_core.metrics.keypoints import (
     pck_auc,
     pck_auc_shares,
     pck_curve,
-    relative_to_wrist,
 )
 
 NAN = float("nan")

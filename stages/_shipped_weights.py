@@ -1,0 +1,52 @@
+"""What stages share that take weights which are there already, where otherwise a training would stand."""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Final
+
+from assemblyhands_core.data.catalog import WEIGHTS
+from assemblyhands_core.data.digests import digest_file
+from stages._contract import Context, StageConfig, Tables
+
+_REPOSITORY: Final = Path(__file__).resolve().parents[1]
+
+
+class UseWeightsConfig(StageConfig):
+    """Which weights; a relative path begins at the repository."""
+
+    weights: str
+
+    @property
+    def path(self) -> Path:
+        """Return the file."""
+        return _REPOSITORY / self.weights
+
+
+def copied_weights(config: UseWeightsConfig, network: str, context: Context) -> Tables:
+    """Copy the file, so that a result has what made it."""
+    from assemblyhands_core.models.pretrained import read_card
+
+    path = context.blob_dir / "weights.safetensors"
+    path.write_bytes(config.path.read_bytes())
+    card = json.dumps(dict(read_card(path)), sort_keys=True)
+    row = {"sequence_id": context.sequence_id, "network": network, "weights_file": path.name, "card": card}
+    return {"weights": WEIGHTS.from_rows([{**row, "sha256": digest_file(path)}])}
+
+
+def weights_externals(config: UseWeightsConfig, parameter: str, target: str) -> Mapping[str, str]:
+    """Return the digest of the weights.
+
+    Args:
+        config: Says which.
+        parameter: How the file can be given.
+        target: What trains them.
+
+    Raises:
+        ValueError: There is no such file.
+    """
+    if not config.path.is_file():
+        raise ValueError(
+            f"there are no weights at {config.path}: train them (target={target}), or give {parameter}=PATH"
+        )
+    return {"weights": digest_file(config.path)}
