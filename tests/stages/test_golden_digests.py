@@ -32,7 +32,7 @@ GOLDEN = {
     "undistort": (1, "8d20006ee7754658c663f02ecc039066e7ba023eb14905a56ba883de6db186c0"),
     "detect_hands": (1, "75c258a77896518217cdafbaf7966808b4a5d22ef1a75191be32bc583ac0f29f"),
     "triangulate": (1, "e6052b3b9cddc606731b798454631f69cd25f1f6fef2808f7c3620d633b37082"),
-    "annotate_round": (4, "3a716ad432b1ab69e32a4a28b62191ac79cd7f500996b66fb9c068b424821258"),
+    "annotate_round": (5, "dad139496d0c214b3aae140e480c8ccc706c024d330708b8ce2c4b6f6d6d8bc1"),
     "measure_quality": (3, "770b7758ac48f1abe8e7f1009768d04b358f37b80acdf49c70aa95b225799b5f"),
     "smooth_joints": (1, "8a2a307361fd93919bf04c3d114dce64faf8147546ae1e20a875ea85a4bb3340"),
 }
@@ -133,6 +133,7 @@ _ANNOTATE_ROUND = {
     "min_keypoint_confidence": 0.1,
     "batch_size": 3,
     "stop_below_mm": 0.0,
+    "blend": {"share": 0.3, "within_mm": 25.0},
     "guard": {
         "max_displacement_mm": 180.0,
         "max_body_distance_mm": 400.0,
