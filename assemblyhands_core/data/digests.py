@@ -4,13 +4,16 @@ import hashlib
 import json
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
+
+Chunks = Callable[[], Iterable[pa.Array]]
 
 
 def canonical_json(value: Any) -> str:
@@ -34,13 +37,24 @@ def digest_table(table: pa.Table, blobs: tuple[str, ...] = ()) -> str:
     Independent of chunking, slicing, padding and file encoding; every NaN counts as the same NaN. Of a blob column only
     the file's name counts: where it lies is no content (its sha256 stands in a column of its own).
     """
+    return digest_columns(table.schema, table.num_rows, lambda name: table.column(name).chunks, blobs)
+
+
+def digest_columns(
+    schema: pa.Schema, num_rows: int, chunks_of: Callable[[str], Iterable[pa.Array]], blobs: tuple[str, ...] = ()
+) -> str:
+    """Return what `digest_table` does of a table that comes in pieces, so that it need not fit into memory.
+
+    Args:
+        schema, num_rows: of the whole table.
+        chunks_of: gives the pieces of a column by its name, in order; asked again for texts.
+        blobs: columns of which only the files' names count.
+    """
     digest = hashlib.sha256()
-    for field in table.schema:
-        digest.update(f"{field.name}:{field.type}:{table.num_rows};".encode())
-        column = table.column(field.name).combine_chunks()
-        if field.name in blobs:
-            column = pa.array([Path(name).name for name in column.to_pylist()], pa.string())
-        _update(digest, column)
+    for field in schema:
+        digest.update(f"{field.name}:{field.type}:{num_rows};".encode())
+        chunks = partial(chunks_of, field.name)
+        _update(digest, field.type, partial(_names, chunks) if field.name in blobs else chunks)
     return digest.hexdigest()
 
 
@@ -76,6 +90,14 @@ class FileDigests:
             self._save()
         return self._known[version]
 
+    def forget(self, path: Path) -> None:
+        """Read a file again when next asked, though its size and time are what they were."""
+        gone = [version for version in self._known if version.startswith(f"{path.resolve()}|")]
+        for version in gone:
+            del self._known[version]
+        if gone:
+            self._save()
+
     def _save(self) -> None:
         self._memory.parent.mkdir(parents=True, exist_ok=True)
         partial = self._memory.with_name(f".{self._memory.name}-{os.getpid()}")
@@ -105,19 +127,26 @@ def _checked(value: Any, where: str) -> Any:
     raise TypeError(f"{where} is {value!r} of type {type(value).__name__}, which has no stable digest")
 
 
-def _update(digest: Any, array: pa.Array) -> None:
-    """Feed an array without nulls to the digest, value by value."""
-    kind = array.type
+def _names(chunks: Chunks) -> Iterable[pa.Array]:
+    return (pa.array([Path(name).name for name in chunk.to_pylist()], pa.string()) for chunk in chunks())
+
+
+def _update(digest: Any, kind: pa.DataType, chunks: Chunks) -> None:
+    """Feed a column without nulls to the digest, value by value."""
     if pa.types.is_fixed_size_list(kind):
-        _update(digest, array.flatten())
+        _update(digest, kind.value_type, lambda: (chunk.flatten() for chunk in chunks()))
     elif pa.types.is_string(kind) or pa.types.is_binary(kind):
-        digest.update(pc.binary_length(array).to_numpy(zero_copy_only=False).astype("<i8").tobytes())
-        digest.update(b"".join(scalar.as_buffer() for scalar in array))
+        for chunk in chunks():
+            digest.update(pc.binary_length(chunk).to_numpy(zero_copy_only=False).astype("<i8").tobytes())
+        for chunk in chunks():
+            digest.update(b"".join(scalar.as_buffer() for scalar in chunk))
     elif pa.types.is_floating(kind):
-        values = array.to_numpy(zero_copy_only=False)
-        digest.update(np.where(np.isnan(values), values.dtype.type(np.nan), values).tobytes())
+        for chunk in chunks():
+            values = chunk.to_numpy(zero_copy_only=False)
+            digest.update(np.where(np.isnan(values), values.dtype.type(np.nan), values).tobytes())
     elif pa.types.is_integer(kind) or pa.types.is_boolean(kind):
-        digest.update(np.ascontiguousarray(array.to_numpy(zero_copy_only=False)).tobytes())
+        for chunk in chunks():
+            digest.update(np.ascontiguousarray(chunk.to_numpy(zero_copy_only=False)).tobytes())
     else:
         raise TypeError(
             f"a column of type {kind} has no stable digest; tables hold numbers, texts and fixed-size lists"

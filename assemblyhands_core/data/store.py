@@ -5,6 +5,7 @@ sibling folder whose name begins with a dot, synced and renamed, so that it exis
 leaves nothing that another run could take for a result, and two runs may write the same entry at once.
 """
 
+import errno
 import json
 import os
 import shutil
@@ -18,14 +19,24 @@ from typing import TYPE_CHECKING, Any, cast
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from assemblyhands_core.data.digests import digest_json, digest_table
-from assemblyhands_core.data.tables import BLOB_SUFFIX, TableError, TableSpec, read_parquet, write_parquet
+from assemblyhands_core.data.digests import digest_json
+from assemblyhands_core.data.tables import (
+    BLOB_SUFFIX,
+    TableError,
+    TableSpec,
+    as_written,
+    digest_parquet,
+    read_parquet,
+    write_parquet,
+)
 
 if TYPE_CHECKING:
     import pandas as pd  # notebooks have it; the engine starts faster without
 
-_RECORD = "record.json"
+RECORD = "record.json"
+WHY_DAMAGED = "damaged.txt"
 _PARQUET_MAGIC = b"PAR1"
+_NO_FOLDER_SYNC = (errno.EINVAL, errno.ENOTSUP, errno.EBADF)  # SMB and some FUSE file systems cannot sync folders
 
 
 class DamagedEntry(RuntimeError):
@@ -88,13 +99,13 @@ class Draft:
         blobs = {path.name: path.stat().st_size for path in sorted(self.folder.iterdir())}
         outputs = {name: self._write_table(name, spec, table) for name, (spec, table) in tables.items()}
         record = Record(self.stage, self.key, self.parts, outputs, blobs, round(seconds, 3))
-        (self.folder / _RECORD).write_text(json.dumps(asdict(record), indent=1))
+        (self.folder / RECORD).write_text(json.dumps(asdict(record), indent=1))
         return record
 
     def _write_table(self, name: str, spec: TableSpec, table: pa.Table) -> Output:
         path = self.folder / f"{name}.parquet"
         write_parquet(path, table, spec, {"stage": self.stage, "store_key": self.key})
-        return Output(spec.digest(table), table.num_rows, path.stat().st_size, _reasons(table))
+        return Output(spec.digest(table), table.num_rows, path.stat().st_size, count_reasons(table))
 
 
 class Store:
@@ -117,12 +128,12 @@ class Store:
         if not folder.is_dir():  # asked before its files are: another run may publish it any moment
             return None
         try:
-            record = Record.from_json((folder / _RECORD).read_text())
+            record = Record.from_json((folder / RECORD).read_text())
             if _looks_whole(folder, record):
                 return record
         except (OSError, ValueError, TypeError, KeyError, AttributeError):
             pass  # no record, or one that is cut
-        self._discard(folder)
+        self.set_aside(folder, "sizes, times or ends of its files are not those of its record")
         return None
 
     def read(self, record: Record, output: str, spec: TableSpec) -> pa.Table:
@@ -137,7 +148,7 @@ class Store:
             if spec.digest(table) != record.outputs[output].digest:
                 raise TableError("its contents have another digest than its record")
         except TableError as error:
-            self._discard(folder)
+            self.set_aside(folder, f"{output}.parquet: {error}")
             raise DamagedEntry(f"{folder / output}.parquet: {error}; the entry was set aside, run again") from error
         return _absolute(table, spec.blobs, folder)
 
@@ -164,6 +175,15 @@ class Store:
         yield from sorted(self.root.glob("*/.*"))
         yield from sorted(self.root.glob(".damaged/*"))
 
+    def set_aside(self, folder: Path, reason: str) -> None:
+        """Move a damaged entry to ``store/.damaged``, with the reason beside its files; the next run makes it anew."""
+        target = self.root / ".damaged" / f"{folder.parent.name}-{folder.name[:16]}-{uuid.uuid4().hex[:8]}"
+        target.parent.mkdir(parents=True, exist_ok=True)
+        with suppress(FileNotFoundError):  # another run was first
+            folder.rename(target)
+            with suppress(OSError):  # the disk may be full
+                (target / WHY_DAMAGED).write_text(f"{reason}\n", encoding="utf-8")
+
     def _publish(self, draft: Path, entry: Path) -> None:
         try:
             draft.rename(entry)
@@ -172,12 +192,6 @@ class Store:
             if self.find(entry.parent.name, entry.name) is None:
                 draft.rename(entry)
         _sync_folder(entry.parent)
-
-    def _discard(self, folder: Path) -> None:
-        target = self.root / ".damaged" / f"{folder.parent.name}-{folder.name[:16]}-{uuid.uuid4().hex[:8]}"
-        target.parent.mkdir(parents=True, exist_ok=True)
-        with suppress(FileNotFoundError):
-            folder.rename(target)
 
 
 def load(path_or_node: str | Path, table: str | None = None, *, run: str = "latest") -> "pd.DataFrame":
@@ -235,7 +249,7 @@ def _absolute(table: pa.Table, blobs: Sequence[str], folder: Path) -> pa.Table:
     return table
 
 
-def _reasons(table: pa.Table) -> dict[str, int]:
+def count_reasons(table: pa.Table) -> dict[str, int]:
     """Count rows (of per-joint reasons: joints) by reason; the empty reason is success."""
     if "reason" not in table.schema.names:
         return {}
@@ -251,7 +265,7 @@ def _looks_whole(folder: Path, record: Record) -> bool:
         return (
             all(_is_parquet(path, output.num_bytes) for path, output in tables.items())
             and all((folder / name).stat().st_size == size for name, size in record.blobs.items())
-            and _untouched_since(folder / _RECORD, tables)
+            and _untouched_since(folder / RECORD, tables)
         )
     except OSError:
         return False
@@ -271,21 +285,15 @@ def _untouched_since(record: Path, tables: Mapping[Path, Output]) -> bool:
 
 def _has_digest(path: Path, digest: str) -> bool:
     try:
-        table = _read_verified(path)
+        return digest_parquet(path) == digest
     except pa.ArrowException:
         return False
-    return digest_table(table, tuple(name for name in table.schema.names if name.endswith(BLOB_SUFFIX))) == digest
 
 
 def _read_verified(path: Path) -> pa.Table:
     """Read a table as it was written, without its definition; a page whose checksum is wrong is an OSError."""
     table = pq.ParquetFile(path, page_checksum_verification=True).read().replace_schema_metadata(None)
-    # Parquet calls a list's values "element", which is part of their type and so of the digest.
-    kinds = [
-        pa.list_(kind.value_type, kind.list_size) if pa.types.is_fixed_size_list(kind) else kind
-        for kind in table.schema.types
-    ]
-    return table.cast(pa.schema(list(zip(table.schema.names, kinds, strict=True))))
+    return table.cast(as_written(table.schema))
 
 
 def _is_parquet(path: Path, num_bytes: int) -> bool:
@@ -307,5 +315,8 @@ def _sync_folder(folder: Path) -> None:
     descriptor = os.open(folder, os.O_RDONLY)
     try:
         os.fsync(descriptor)
+    except OSError as error:
+        if error.errno not in _NO_FOLDER_SYNC:
+            raise
     finally:
         os.close(descriptor)

@@ -1,6 +1,6 @@
 """Tables that stages exchange: name, version, key and columns, checked whenever one is written or read."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -9,10 +9,11 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from assemblyhands_core.data.arrays import Column, to_arrow
-from assemblyhands_core.data.digests import digest_table
+from assemblyhands_core.data.digests import digest_columns, digest_table
 from assemblyhands_core.hands.joints import JOINT_NAMES
 
 BLOB_SUFFIX = "_file"
+_BLOCK_BYTES = 32 << 20  # of a table that is digested at once
 _COMPRESSION: Literal["zstd"] = "zstd"
 
 
@@ -111,6 +112,39 @@ def read_parquet(path: Path, spec: TableSpec) -> pa.Table:
     if found != (spec.name, str(spec.version)):
         raise TableError(f"{path} holds table {found[0]} v{found[1]}, wanted {spec.name} v{spec.version}")
     return spec.check(table.cast(spec.schema))
+
+
+def digest_parquet(path: Path) -> str:
+    """Return the content digest of a table's file, read in blocks: a table may be larger than memory.
+
+    Raises:
+        OSError, pyarrow.ArrowException: the file cannot be read, or the checksum of a page is wrong.
+    """
+    with pq.ParquetFile(path, buffer_size=1 << 20, pre_buffer=False, page_checksum_verification=True) as file:
+        schema, num_rows = as_written(file.schema_arrow), file.metadata.num_rows
+        blobs = tuple(name for name in schema.names if name.endswith(BLOB_SUFFIX))
+        num_bytes = sum(file.metadata.row_group(i).total_byte_size for i in range(file.num_row_groups))
+        if num_bytes <= _BLOCK_BYTES:
+            table = file.read()
+            return digest_columns(schema, num_rows, lambda name: table.column(name).chunks, blobs)
+        num_block_rows = max(1, _BLOCK_BYTES * num_rows // num_bytes)
+        return digest_columns(schema, num_rows, lambda name: _column_blocks(file, name, num_block_rows), blobs)
+
+
+def as_written(schema: pa.Schema) -> pa.Schema:
+    """Return the schema of the table that was written to a file, without its definition.
+
+    Parquet calls a list's values "element", which is part of their type and so of the digest.
+    """
+    kinds = [
+        pa.list_(kind.value_type, kind.list_size) if pa.types.is_fixed_size_list(kind) else kind
+        for kind in schema.types
+    ]
+    return pa.schema(list(zip(schema.names, kinds, strict=True)))
+
+
+def _column_blocks(file: pq.ParquetFile, name: str, num_rows: int) -> Iterator[pa.Array]:
+    return (batch.column(0) for batch in file.iter_batches(num_rows, columns=[name]))
 
 
 def _value_type(kind: pa.DataType) -> pa.DataType:
