@@ -1,5 +1,6 @@
 import datetime
 import hashlib
+import os
 from pathlib import Path
 
 import numpy as np
@@ -77,3 +78,19 @@ def test_a_broken_memory_is_no_memory(tmp_path: Path) -> None:
     (tmp_path / "memory.json").write_text("{broken")
     (tmp_path / "a").write_bytes(b"")
     assert FileDigests(tmp_path / "memory.json")(tmp_path / "a") == hashlib.sha256(b"").hexdigest()
+
+
+def test_a_forgotten_file_is_read_again(tmp_path: Path) -> None:
+    file, other = tmp_path / "cam.mp4", tmp_path / "cam.mp4.txt"
+    file.write_bytes(b"film")
+    other.write_bytes(b"text")
+    digests = FileDigests(tmp_path / "memory.json")
+    before = (digests(file), digests(other))
+    times = file.stat()
+    with file.open("r+b") as rotting:
+        rotting.write(b"firm")
+    os.utime(file, ns=(times.st_atime_ns, times.st_mtime_ns))
+    assert (FileDigests(tmp_path / "memory.json")(file), digests(other)) == before
+    digests.forget(file)
+    again = FileDigests(tmp_path / "memory.json")
+    assert again(file) == hashlib.sha256(b"firm").hexdigest() and again(other) == before[1]

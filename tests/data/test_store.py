@@ -1,4 +1,6 @@
+import errno
 import os
+import stat
 from pathlib import Path
 
 import numpy as np
@@ -116,3 +118,30 @@ def test_load_reads_a_node_of_the_latest_run(tmp_path: Path, monkeypatch: pytest
     np.testing.assert_array_equal(load(target).frame, load(node, "films").frame)
     with pytest.raises(FileNotFoundError, match="beside it there are: shoot"):
         load("shot")
+
+
+def test_what_is_set_aside_says_why(tmp_path: Path) -> None:
+    store = Store(tmp_path)
+    _write(store)
+    store.set_aside(store.entry("film", KEY), "a.mp4: faded")
+    store.set_aside(store.entry("film", KEY), "another run was first")
+    (aside,) = store.leftovers()
+    assert (aside / "damaged.txt").read_text() == "a.mp4: faded\n" and (aside / "a.mp4").read_bytes() == b"film"
+
+
+@pytest.mark.parametrize("number", [errno.EINVAL, errno.ENOTSUP])
+def test_a_file_system_that_cannot_sync_folders_will_do(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: int
+) -> None:
+    real = os.fsync
+
+    def fsync(descriptor: int) -> None:
+        if stat.S_ISDIR(os.fstat(descriptor).st_mode):
+            raise OSError(number, os.strerror(number))
+        real(descriptor)
+
+    monkeypatch.setattr(os, "fsync", fsync)
+    assert _write(Store(tmp_path)).key == KEY
+    monkeypatch.setattr(os, "fsync", lambda descriptor: (_ for _ in ()).throw(OSError(errno.EIO, "broken")))
+    with pytest.raises(OSError, match="broken"):
+        _write(Store(tmp_path / "other"))

@@ -5,7 +5,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from assemblyhands_core.data.tables import TableError, TableSpec, read_parquet, write_parquet
+from assemblyhands_core.data.tables import TableError, TableSpec, digest_parquet, read_parquet, write_parquet
 from assemblyhands_core.hands.joints import JOINT_NAMES
 
 SPEC = TableSpec(
@@ -80,3 +80,14 @@ def test_blobs_are_the_columns_that_say_so() -> None:
         "video_file",
     )
     assert SPEC.empty().num_rows == 0
+
+
+@pytest.mark.parametrize("block_bytes", [1, 200, 1 << 30])
+def test_a_file_has_the_digest_of_its_table_however_large_the_blocks(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, block_bytes: int
+) -> None:
+    table = _poses()
+    monkeypatch.setattr("assemblyhands_core.data.tables._BLOCK_BYTES", block_bytes)
+    for rows in (table, table.slice(0, 0)):
+        write_parquet(tmp_path / "t.parquet", rows, SPEC, {"stage": "s"})
+        assert digest_parquet(tmp_path / "t.parquet") == SPEC.digest(rows)
