@@ -9,11 +9,11 @@ from typing import Any, Final
 import pyarrow as pa
 import pyarrow.parquet as pq
 from rich.console import Console
-from rich.table import Table
 
 from assemblyhands_core.metrics.annotation import TABLE, Resampling, evaluate_overall
 from assemblyhands_core.metrics.comparison import compare_methods
 from pipeline.config import RunConfig
+from pipeline.grids import Grid, rich_table
 from pipeline.manifests import select_rows
 from stages import evaluate
 
@@ -84,7 +84,7 @@ def print_evaluation(console: Console, config: RunConfig, run: Path, kinds: Mapp
     for name in errors:
         paths = sorted(run.glob(f"evaluation_*/metrics/{name}.parquet"))
         rows = [row for path in paths for row in pq.read_table(path.resolve()).to_pylist()]
-        _print(console, f"{name} against the simulator's truth", _COLUMNS, rows)
+        console.print(rich_table(method_grid(f"{name} against the simulator's truth", rows)))
     for pool in pools(errors, kinds):
         _print_pooled(console, pool, settings.resampling)
 
@@ -99,10 +99,10 @@ def _print_pooled(console: Console, pool: Pool, resampling: Resampling) -> None:
     whole, title = pa.concat_tables(pool.errors), f"{pool.name}: {len(pool.errors)} sequences"
     if len(pool.errors) > 1:
         rows = [cell._asdict() for cell in evaluate_overall(whole, resampling)]
-        _print(console, f"{title} together against the simulator's truth", _COLUMNS, rows)
+        console.print(rich_table(method_grid(f"{title} together against the simulator's truth", rows)))
     if len(set(whole["method"].to_pylist())) > 1:
         rows = [cell._asdict() for cell in compare_methods(whole, resampling)]
-        _print(console, f"{title}, methods in pairs against the simulator's truth", _COMPARED, rows)
+        console.print(rich_table(pair_grid(f"{title}, methods in pairs against the simulator's truth", rows)))
 
 
 def read_errors(run: Path) -> dict[str, pa.Table]:
@@ -113,17 +113,31 @@ def read_errors(run: Path) -> dict[str, pa.Table]:
     return {name: pa.concat_tables(of_name) for name, of_name in tables.items()}
 
 
-def _print(console: Console, title: str, columns: Mapping[str, str], rows: Rows) -> None:
-    """Print the overall figures with their 95 % intervals, and how many joints they are of."""
-    table = Table("method", *columns.values(), "n", title=f"{title} (95 % intervals)", title_justify="left")
+def method_grid(title: str, rows: Rows) -> Grid:
+    """Return the overall figures of methods with their 95 % intervals, and how many joints they are of.
+
+    Args:
+        title: What they are of.
+        rows: Lines of evaluations, as the table `EVALUATION` has them; those of groups are left out.
+    """
+    return _grid(title, _COLUMNS, rows)
+
+
+def pair_grid(title: str, rows: Rows) -> Grid:
+    """Return how methods compare with one another, otherwise as `method_grid`."""
+    return _grid(title, _COMPARED, rows)
+
+
+def _grid(title: str, columns: Mapping[str, str], rows: Rows) -> Grid:
     by_method: dict[str, dict[str, Mapping[str, Any]]] = defaultdict(dict)
     for row in rows:
         if row["table"].removesuffix("_comparison") == TABLE:
             by_method[row["row"]][row["metric"]] = row
-    for method, metrics in by_method.items():
-        figures = [_figure(metrics[name]) for name in columns]
-        table.add_row(method, *figures, str(metrics[next(iter(columns))]["n"]))
-    console.print(table)
+    cells = [
+        [method, *(_figure(metrics[name]) for name in columns), str(metrics[next(iter(columns))]["n"])]
+        for method, metrics in by_method.items()
+    ]
+    return Grid(f"{title} (95 % intervals)", ["method", *columns.values(), "n"], cells)
 
 
 def _figure(row: Mapping[str, Any]) -> str:

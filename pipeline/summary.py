@@ -13,6 +13,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from pipeline.grids import Grid, rich_table
 from pipeline.plan import PlannedNode
 from pipeline.tasks import Result
 from pipeline.view import node_digest
@@ -81,21 +82,31 @@ def print_left_out(console: Console, run: Path) -> None:
 
 def print_quality(console: Console, run: Path) -> None:
     """Print the tables that the node ``quality`` made."""
+    for grid in quality_grids(run):
+        console.print(rich_table(grid))
+    for path in sorted((run / "detect_hands" / "followed").glob("*.parquet")):
+        for note in pq.read_table(path.resolve()).column("note").to_pylist():
+            console.print(f"{path.stem}: {note}", markup=False, highlight=False, soft_wrap=True)
+    for picture in drawn_pictures(run):
+        console.print(f"picture: {picture}", markup=False, highlight=False, soft_wrap=True)
+
+
+def quality_grids(run: Path) -> list[Grid]:
+    """Return the tables that the node ``quality`` made of each sequence; titles are the sequences."""
+    grids = []
     for path in sorted((run / "quality" / "quality").glob("*.parquet")):
         frame = pq.read_table(path.resolve()).to_pandas()
         for name, rows in frame.groupby("table", sort=False):
             wide = rows.pivot_table(index="row", columns="metric", values="value", sort=False, dropna=False)
-            table = Table(str(name), *map(str, wide.columns), title=path.stem, title_justify="left")
-            for row, values in wide.iterrows():
-                table.add_row(str(row), *("" if value != value else f"{value:.4g}" for value in values))
-            console.print(table)
-    for path in sorted((run / "detect_hands" / "followed").glob("*.parquet")):
-        for note in pq.read_table(path.resolve()).column("note").to_pylist():
-            console.print(f"{path.stem}: {note}", markup=False, highlight=False, soft_wrap=True)
-    for path in sorted(run.glob("*/overlays/*.parquet")):
-        real = path.resolve()
-        for name in pq.read_table(real).column("overlay_file").to_pylist():
-            console.print(f"picture: {real.parent / name}", markup=False, highlight=False, soft_wrap=True)
+            lines = [[str(row), *("" if x != x else f"{x:.4g}" for x in values)] for row, values in wide.iterrows()]
+            grids.append(Grid(path.stem, [str(name), *map(str, wide.columns)], lines))
+    return grids
+
+
+def drawn_pictures(run: Path) -> list[Path]:
+    """Return the pictures and films that a run's nodes drew."""
+    tables = [path.resolve() for path in sorted(run.glob("*/overlays/*.parquet"))]
+    return [path.parent / name for path in tables for name in pq.read_table(path).column("overlay_file").to_pylist()]
 
 
 def print_rounds(console: Console, run: Path, synthetic: Collection[str]) -> None:

@@ -5,9 +5,9 @@ from pathlib import Path
 from typing import Any, Final
 
 from rich.console import Console
-from rich.table import Table
 
 from assemblyhands_core.metrics.verbs import TABLE
+from pipeline.grids import Grid, rich_table
 from pipeline.set_tables import figure_with_interval, labelled_rows, write_rows
 
 _NODES: Final = {
@@ -26,23 +26,29 @@ _COLUMNS: Final = {
 
 def print_verbs(console: Console, run: Path) -> None:
     """Print a table for each kind of labels, and write all figures to `report/verbs.csv`; nothing without any."""
-    rows = list(labelled_rows(run, _NODES, "classifier"))
+    rows = verb_rows(run)
     for name in dict.fromkeys(row["classifier"] for row in rows):
-        console.print(_table(name, [row for row in rows if row["classifier"] == name]))
+        console.print(rich_table(verb_grid(name, [row for row in rows if row["classifier"] == name])))
     if rows:
         write_rows(run / "report" / "verbs.csv", rows)
 
 
-def _table(name: str, rows: Sequence[Mapping[str, Any]]) -> Table:
+def verb_rows(run: Path) -> list[dict[str, Any]]:
+    """Return all figures about verbs, with the `classifier` that each is of."""
+    return list(labelled_rows(run, _NODES, "classifier"))
+
+
+def verb_grid(name: str, rows: Sequence[Mapping[str, Any]]) -> Grid:
+    """Return a line for each source of poses, and for chance, of one classifier's figures."""
     found = {(row["table"], row["group"], row["row"], row["metric"]): row for row in rows}
     verbs = list(dict.fromkeys(row["group"] for row in rows if row["table"] == f"{TABLE}_by_verb"))
-    table = Table("poses", *verbs, *_COLUMNS.values(), "n", title=f"verbs, {name} (95 % intervals)")
+    lines = []
     for source in dict.fromkeys(row["row"] for row in rows if row["table"] == TABLE):
         by_verb = [found.get((f"{TABLE}_by_verb", verb, source, "accuracy")) for verb in verbs]
         overall = [found.get((TABLE, "", source, metric)) for metric in _COLUMNS]
         values = [*(_plain(row) for row in by_verb), *(figure_with_interval(row, 1) for row in overall)]
-        table.add_row(source, *values, str(found[TABLE, "", source, "accuracy"]["n"]))
-    return table
+        lines.append([source, *values, str(found[TABLE, "", source, "accuracy"]["n"])])
+    return Grid(f"verbs, {name} (95 % intervals)", ["poses", *verbs, *_COLUMNS.values(), "n"], lines)
 
 
 def _plain(row: Mapping[str, Any] | None) -> str:
