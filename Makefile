@@ -14,7 +14,7 @@ SEQUENCE := $(if $(SET),manifest=data_manifests/synthetic_$(SET).csv) $(if $(SEQ
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 SOURCES := assemblyhands_core stages pipeline tests benchmarks
 
-.PHONY: annotate evaluate simulate train ego predict train-ego verbs train-verbs export plan doctor gc test test-slow check format benchmark docs help clean
+.PHONY: annotate evaluate simulate train ego predict train-ego verbs train-verbs export plan doctor gc fsck test test-slow check format benchmark docs help clean
 .DEFAULT_GOAL := help
 
 annotate: $(VENV)/.installed  ## video in, 3D hand joints out: SEQ=name (default: records one), ARGS='parameter=value'
@@ -56,6 +56,9 @@ doctor: $(VENV)/.installed  ## look a recording over before hours are spent on i
 
 gc: $(VENV)/.installed  ## remove results that none of the newest runs refers to
 	$(RUN) gc $(ARGS)
+
+fsck: $(VENV)/.installed  ## read all results again, set aside what is damaged: the next run makes it anew
+	$(RUN) fsck $(ARGS)
 
 test: $(VENV)/.installed-dev  ## the tests (minutes)
 	$(BIN)/python -m pytest -m 'not slow' $(ARGS)

@@ -22,6 +22,7 @@ from pipeline.executors import open_executor, resolve_workers
 from pipeline.exporting import write_export, write_hands2023
 from pipeline.garbage import find_garbage
 from pipeline.history import History
+from pipeline.integrity import fsck
 from pipeline.interrupts import interrupts_kept
 from pipeline.plan import make_plan, total_seconds
 from pipeline.preflight import preflight
@@ -50,6 +51,9 @@ def execute(command: str, config: RunConfig, command_line: str) -> int:
         return preflight(config, console)
     if command == "gc":
         return _collect_garbage(config, console)
+    if command == "fsck":
+        with _lock(config.workspace, exclusive=False):
+            return fsck(config, console)
     if (before := _recording_first(config)) is not None:
         _say(console, f"these sequences are recorded first, once, in the simulated studio: {before.seq}")
         if code := _run(before, console, command_line):
@@ -131,6 +135,7 @@ def _collect_garbage(config: RunConfig, console: Console) -> int:
     with _lock(config.workspace, exclusive=True):
         garbage = find_garbage(config.workspace, config.gc)
         counts = f"{len(garbage.runs)} runs, {len(garbage.entries)} entries, {len(garbage.leftovers)} leftovers"
+        counts += f", scratch of {len(garbage.scratch)} computations"
         console.print(
             f"{'would remove' if config.gc.dry_run else 'removed'} {counts}: {garbage.num_bytes / 1e6:.1f} MB"
         )
@@ -173,14 +178,14 @@ def _logs(config: RunConfig, run: str) -> Path:
 
 @contextmanager
 def _lock(workspace: Path, *, exclusive: bool) -> Iterator[None]:
-    """Hold the workspace: any number of runs at once, or one ``gc``. The lock falls with the process."""
+    """Hold the workspace: any number of runs and ``fsck`` at once, or one ``gc``. The lock falls with the process."""
     workspace.mkdir(parents=True, exist_ok=True)
     descriptor = os.open(workspace / ".lock", os.O_RDWR | os.O_CREAT)
     try:
         fcntl.flock(descriptor, (fcntl.LOCK_EX if exclusive else fcntl.LOCK_SH) | fcntl.LOCK_NB)
         yield
     except BlockingIOError:
-        other = "a run is" if exclusive else "gc is"
-        raise UserError(f"{other} at work in {workspace}; try again when it has ended") from None
+        other = f"a run is at work in {workspace} (or fsck)" if exclusive else f"gc is at work in {workspace}"
+        raise UserError(f"{other}; try again when it has ended") from None
     finally:
         os.close(descriptor)

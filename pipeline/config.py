@@ -40,10 +40,18 @@ class ExecutorConfig(_Model):
 
 
 class GcConfig(_Model):
-    """What ``gc`` keeps: the results of the newest ``keep_runs`` runs."""
+    """What ``gc`` keeps: the results of the newest ``keep_runs`` runs, and what interrupted trainings go on from."""
 
     keep_runs: int = Field(ge=1)
+    keep_scratch_days: float = Field(default=30.0, ge=0)
     dry_run: bool
+
+
+class FsckConfig(_Model):
+    """How ``fsck`` goes about it. ``num_threads`` 0 means one for each core."""
+
+    num_threads: int = Field(default=0, ge=0)
+    dry_run: bool = False
 
 
 class RunConfig(_Model):
@@ -60,6 +68,7 @@ class RunConfig(_Model):
     rig: RigConfig
     executor: ExecutorConfig
     gc: GcConfig
+    fsck: FsckConfig = FsckConfig()
     _dag: Dag = PrivateAttr()
     _stages: Mapping[str, StageConfig] = PrivateAttr()
 

@@ -2,7 +2,9 @@
 
 import json
 import shutil
-from collections.abc import Iterable
+import time
+from collections.abc import Collection, Iterable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,31 +12,43 @@ from typing import Any
 from assemblyhands_core.data.store import Store
 from pipeline.config import GcConfig, UserError
 from pipeline.history import History
+from pipeline.tasks import scratch_folder
+
+_SECONDS_A_DAY = 86400
 
 
 @dataclass(frozen=True)
 class Garbage:
-    """What ``gc`` removes: views and logs of old runs, entries that no kept run refers to, leftovers of killed runs."""
+    """What ``gc`` removes.
+
+    Attributes:
+        runs, logs: views and logs of old runs.
+        entries: entries that no kept run refers to.
+        leftovers: what killed runs and damaged entries left behind.
+        scratch: what interrupted computations would go on from, if it is no longer of use.
+    """
 
     runs: list[Path]
     logs: list[Path]
     entries: list[Path]
     leftovers: list[Path]
+    scratch: list[Path]
 
     @property
     def folders(self) -> list[Path]:
         """Return all folders that go."""
-        return [*self.runs, *self.logs, *self.entries, *self.leftovers]
+        return [*self.runs, *self.logs, *self.entries, *self.leftovers, *self.scratch]
 
     @property
     def num_bytes(self) -> int:
         """Return the size of all files, without what links point to."""
-        return sum(_size(path) for path in self.folders)
+        return sum(num_bytes_below(path) for path in self.folders)
 
     def remove(self) -> None:
         """Delete it all."""
         for path in self.folders:
-            shutil.rmtree(path)
+            with suppress(FileNotFoundError):  # a plan beside us may set a half-removed entry aside
+                shutil.rmtree(path)
 
 
 def find_garbage(workspace: Path, config: GcConfig) -> Garbage:
@@ -55,9 +69,24 @@ def find_garbage(workspace: Path, config: GcConfig) -> Garbage:
         if (path.parent.name, path.name) not in kept and path.stat().st_mtime_ns <= seen_ns
     ]
     kept_names = {run.name for run in kept_runs}
-    logs = [path for path in _subfolders(workspace / "logs") if path.name not in kept_names]
-    drafts = [path for path in _subfolders(workspace / "runs") if path.name.startswith(".")]
-    return Garbage(old, logs, entries, [*store.leftovers(), *drafts])
+    logs = [path for path in subfolders(workspace / "logs") if path.name not in kept_names]
+    drafts = [path for path in subfolders(workspace / "runs") if path.name.startswith(".")]
+    scratch = list(_idle_scratch(workspace, kept, config.keep_scratch_days))
+    return Garbage(old, logs, entries, [*store.leftovers(), *drafts], scratch)
+
+
+def _idle_scratch(workspace: Path, kept: Collection[tuple[str, str]], keep_days: float) -> Iterable[Path]:
+    """Yield scratch whose result is there, and what nobody went on with for long, unless a kept run lost its result."""
+    whole = {scratch_folder(workspace, path.parent.name, path.name) for path in Store(workspace).entries()}
+    wanted = {scratch_folder(workspace, stage, key) for stage, key in kept} - whole
+    oldest_s = time.time() - keep_days * _SECONDS_A_DAY
+    for folder in subfolders(workspace / "scratch"):
+        if folder in whole or (folder not in wanted and _changed_s(folder) < oldest_s):
+            yield folder
+
+
+def _changed_s(folder: Path) -> float:
+    return max(path.lstat().st_mtime for path in [folder, *folder.rglob("*")])
 
 
 def _referenced(runs: Iterable[Path]) -> Iterable[tuple[str, str]]:
@@ -76,9 +105,11 @@ def _read(manifest: Path) -> Any:
         ) from error
 
 
-def _subfolders(folder: Path) -> list[Path]:
+def subfolders(folder: Path) -> list[Path]:
+    """Return the folders in a folder, without links."""
     return sorted(path for path in folder.glob("*") if path.is_dir() and not path.is_symlink())
 
 
-def _size(folder: Path) -> int:
+def num_bytes_below(folder: Path) -> int:
+    """Return the size of all files in a folder, without what links point to."""
     return sum(path.lstat().st_size for path in folder.rglob("*"))

@@ -100,6 +100,11 @@ def key_parts(task: Task, upstream: Upstream) -> dict[str, Any]:
     }
 
 
+def scratch_folder(workspace: Path, stage: str, key: str) -> Path:
+    """Return the folder from which the interrupted computation of an entry goes on."""
+    return workspace / "scratch" / f"{stage}-{key[:16]}"
+
+
 def find_entry(task: Task, upstream: Upstream, store: Store) -> Result | None:
     """Return the result of a shard whose entry is already in the store."""
     if task.problem:
@@ -133,7 +138,7 @@ def _compute(task: Task, upstream: Upstream, store: Store) -> Result:
     started = time.perf_counter()
     inputs = {role: _read_input(task, role, edge, upstream, store) for role, edge in task.node.inputs.items()}
     with store.draft(stage.name, key_parts(task, upstream)) as draft:
-        scratch = task.workspace / "scratch" / f"{stage.name}-{draft.key[:16]}"
+        scratch = scratch_folder(task.workspace, stage.name, draft.key)
         context = Context(draft.folder, task.shard.sequence_id, task.num_threads, scratch)
         with shard_log(task.log):
             tables = stage.run(task.config, inputs, context)

@@ -93,11 +93,17 @@ def _look(file: Path, find_wrong: Callable[[], str]) -> Iterator[Flaw]:
         if wrong := find_wrong():
             yield Flaw(file, wrong)
     except OSError as error:
-        yield Flaw(file, f"it cannot be read ({error.strerror or error})", is_damage=error.errno in _DAMAGE_ERRORS)
+        yield Flaw(
+            file, f"it cannot be read ({error.strerror or _line(error)})", is_damage=error.errno in _DAMAGE_ERRORS
+        )
     except MemoryError:
         yield Flaw(file, "there is not enough memory to read it", is_damage=False)
     except Exception as error:  # whatever a decoder makes of bytes that nobody wrote
-        yield Flaw(file, f"it cannot be decoded ({type(error).__name__}: {error})")
+        yield Flaw(file, f"it cannot be decoded ({type(error).__name__}: {_line(error)})")
+
+
+def _line(error: Exception) -> str:
+    return " ".join(str(error).split())  # Parquet's sentences are several lines
 
 
 def _wrong_with_record(folder: Path, found: list[Record]) -> str:
