@@ -50,7 +50,7 @@ def checks(store: Store, studio: Path) -> list[Check]:
     """Return all that there is to look at: the store's entries, then the recordings that the studio delivered."""
     listings = sorted((studio / "delivered").glob(f"*{_LISTING}"))
     return [
-        *(Check(entry, _num_bytes(entry.iterdir()), examine) for entry in store.entries()),
+        *(Check(entry, _num_bytes(entry.glob("*")), examine) for entry in store.entries()),
         *(Check(listing, _num_bytes(_listed(listing)), examine_recording) for listing in listings),
     ]
 
@@ -129,8 +129,7 @@ def _listed(listing: Path) -> Iterator[Path]:
 def _num_bytes(files: Iterator[Path]) -> int:
     """Return the size of files and of what links point to, as far as they are there."""
     total = 0
-    with suppress(FileNotFoundError):
-        for path in files:
-            with suppress(OSError):
-                total += path.stat().st_size
+    for path in files:
+        with suppress(OSError):
+            total += path.stat().st_size
     return total

@@ -1,6 +1,7 @@
 """Remove what no run refers to."""
 
 import json
+import os
 import shutil
 import time
 from collections.abc import Collection, Iterable
@@ -112,4 +113,9 @@ def subfolders(folder: Path) -> list[Path]:
 
 def num_bytes_below(folder: Path) -> int:
     """Return the size of all files in a folder, without what links point to."""
-    return sum(path.lstat().st_size for path in folder.rglob("*"))
+    total = 0
+    for place, _, names in os.walk(folder):
+        for name in names:
+            with suppress(FileNotFoundError):  # a run may be at work
+                total += Path(place, name).lstat().st_size
+    return total

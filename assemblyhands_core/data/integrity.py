@@ -6,7 +6,7 @@ say in their rows what the sha256 of each blob is.
 
 import errno
 import threading
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -78,13 +78,12 @@ def _flaws(folder: Path, digest: Digest) -> Iterator[Flaw]:
     records: list[Record] = []
     yield from _look(folder / RECORD, lambda: _wrong_with_record(folder, records))
     for record in records:
-        tables = {folder / f"{name}.parquet": (name, output) for name, output in record.outputs.items()}
-        wrong = [
-            f for path, table in tables.items() for f in _look(path, partial(_wrong_with_table, record, *table, path))
-        ]
-        yield from wrong
-        whole = tables.keys() - {flaw.file for flaw in wrong}
-        yield from _blob_flaws(folder, record.blobs, _blob_digests(whole), digest)
+        digests: dict[str, str] = {}
+        for name, output in record.outputs.items():
+            path = folder / f"{name}.parquet"
+            wrong = list(_look(path, partial(_wrong_with_table, record, name, output, path)))
+            yield from wrong or _look(path, partial(_note_blob_digests, path, digests))
+        yield from _blob_flaws(folder, record.blobs, digests, digest)
 
 
 def _look(file: Path, find_wrong: Callable[[], str]) -> Iterator[Flaw]:
@@ -143,20 +142,18 @@ def _count_reasons(path: Path, schema: pa.Schema) -> Mapping[str, int]:
     return count_reasons(_read_columns(path, "reason")) if "reason" in schema.names else {}
 
 
-def _blob_digests(tables: Iterable[Path]) -> dict[str, str]:
-    """Return the sha256 of every blob that tables tell it of, by the blob's name.
+def _note_blob_digests(path: Path, found: dict[str, str]) -> str:
+    """Add the sha256 of every blob that a table tells of, by the blob's name; nothing is wrong with that.
 
     It stands in the column that is called like the file's, ``video_file`` and ``video_sha256``, or in ``sha256``.
     """
-    found: dict[str, str] = {}
-    for path in tables:
-        names = pq.read_schema(path).names
-        for column in (name for name in names if name.endswith(BLOB_SUFFIX)):
-            beside = f"{column.removesuffix(BLOB_SUFFIX)}_sha256"
-            if digests := [name for name in (beside, "sha256") if name in names][:1]:
-                pairs = _read_columns(path, column, *digests).to_pydict().values()
-                found |= dict(zip(*pairs, strict=True))
-    return found
+    names = pq.read_schema(path).names
+    for column in (name for name in names if name.endswith(BLOB_SUFFIX)):
+        beside = f"{column.removesuffix(BLOB_SUFFIX)}_sha256"
+        if digests := [name for name in (beside, "sha256") if name in names][:1]:
+            pairs = _read_columns(path, column, *digests).to_pydict()
+            found |= dict(zip(pairs[column], pairs[digests[0]], strict=True))
+    return ""
 
 
 def _read_columns(path: Path, *names: str) -> pa.Table:

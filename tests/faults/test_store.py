@@ -10,6 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import pyarrow.parquet as pq
 import pytest
 from command_line import entries, new_stages, pipeline
 
@@ -30,10 +31,10 @@ def _remove(file: Path) -> None:
     file.unlink()
 
 
-def _flip(file: Path) -> None:
+def _flip(file: Path, place: int | None = None) -> None:
     """Flip a bit of the first data page, behind Parquet's magic bytes and the page's header."""
     content = bytearray(file.read_bytes())
-    content[len(content) // 3] ^= 0x10
+    content[len(content) // 3 if place is None else place] ^= 0x10
     file.write_bytes(bytes(content))
 
 
@@ -105,11 +106,18 @@ def test_a_damaged_last_result_is_not_handed_out(undisturbed: Any, finished: Pat
     assert new_stages(finished, before) == {"triangulate": 1}
 
 
-def _rot(file: Path) -> None:
+def _rot(file: Path, place: int | None = None) -> None:
     """Flip a bit as an ageing disk does, which changes no time."""
     times = file.stat()
-    _flip(file)
+    _flip(file, place)
     os.utime(file, ns=(times.st_atime_ns, times.st_mtime_ns))
+
+
+def _last_of_first_column(table: Path) -> int:
+    """Return where the last byte of the first column's values is, however small the table is."""
+    column = pq.read_metadata(table).row_group(0).column(0)
+    first = column.dictionary_page_offset if column.has_dictionary_page else column.data_page_offset
+    return int(first + column.total_compressed_size - 1)
 
 
 @pytest.mark.slow
@@ -125,6 +133,24 @@ def test_bit_rot_is_found_by_whoever_reads(undisturbed: Any, finished: Path, ass
     for file in lost:  # so that what is before them is read
         _remove_entry(file)
     _heal_and_check(undisturbed, finished, assert_clean)
+
+
+def test_bit_rot_that_nobody_reads_is_found_by_fsck(undisturbed: Any, finished: Path, assert_clean: Any) -> None:
+    """Tables and a picture fade while their sizes and times stay: a run would reuse them as they are."""
+    tables = [_file(finished, node) for node in TABLES if node != "overlay"]
+    picture = next((finished / "store/draw_overlays").glob("*/*.png"))
+    for table in tables:
+        _rot(table, _last_of_first_column(table))
+    _rot(picture)
+    faded = [*tables, picture]
+    before = entries(finished)
+    would = pipeline("fsck", "fsck.dry_run=true", workspace=finished)
+    assert would.code == 1 and all(f"{file}: it" in would.said for file in faded) and entries(finished) == before
+    assert pipeline("fsck", workspace=finished).code == 1
+    assert not any(file.exists() for file in faded)
+    undisturbed.assert_same(finished, pipeline(*undisturbed.command, "executor=serial", workspace=finished))
+    assert pipeline("fsck", workspace=finished).assert_done().said.rstrip().endswith(": whole")
+    assert_clean(finished)
 
 
 @pytest.mark.slow

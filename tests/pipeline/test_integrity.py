@@ -2,6 +2,9 @@ import errno
 import json
 import os
 import shutil
+import threading
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,7 +14,8 @@ from rich.console import Console
 
 from assemblyhands_core.data.digests import FileDigests, digest_file
 from assemblyhands_core.data.store import Store
-from pipeline.config import FsckConfig
+from pipeline.commands import _lock, execute
+from pipeline.config import FsckConfig, UserError
 from pipeline.damage import Damage, checks, find_damage, find_suspects
 from pipeline.integrity import fsck
 
@@ -160,6 +164,41 @@ def test_all_bytes_are_counted_however_many_threads_there_are(toy: Any) -> None:
     assert list(find_damage(found, 4, done.append)) == []
     assert sum(done) == sum(path.stat().st_size for path in toy.store.root.glob("*/*/*")) > 0
     assert len(done) == len(found) == sum(1 for _ in toy.store.entries())
+
+
+def test_fsck_runs_beside_runs_and_not_beside_gc(toy: Any) -> None:
+    toy.run()
+    with _lock(toy.workspace, exclusive=False):
+        assert execute("fsck", toy.config(), "") == 0
+        with pytest.raises(UserError, match=r"a run is at work in .* \(or fsck\); try again when it has ended"):
+            execute("gc", toy.config(), "")
+    with (
+        _lock(toy.workspace, exclusive=True),
+        pytest.raises(UserError, match=r"gc is at work in .*; try again when it has ended"),
+    ):
+        execute("fsck", toy.config(), "")
+
+
+def test_checking_all_the_time_never_makes_a_run_wrong(toy: Any) -> None:
+    toy.run()
+    has_ended = threading.Event()
+
+    def check() -> None:
+        while not has_ended.is_set():
+            _fsck(toy)
+
+    with ThreadPoolExecutor(1) as pool:
+        checking = pool.submit(check)
+        for number in range(8):
+            for table in list(toy.store.root.glob("[!.]*/*/*.parquet"))[number % 3 :: 4]:
+                with suppress(FileNotFoundError):
+                    _rot(table)
+            toy.run(f"run-{number}")  # may find that an entry vanished: then the next one makes it anew
+        has_ended.set()
+        checking.result()
+    _fsck(toy)
+    toy.run("last")
+    assert toy.total("one") == 30 and _fsck(toy)[0] == 0
 
 
 # --- files beside tables: a run sees their sizes only, so that what read a faded one may be wrong, too
