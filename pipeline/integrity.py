@@ -28,21 +28,35 @@ def fsck(config: RunConfig, console: Console) -> int:
     started = time.monotonic()
     runs, leftovers = read_run_folders(config.workspace), list(_leftovers(config.workspace))
     found = checks(Store(config.workspace), studio_folder(config.workspace))
-    damages = _find(config, found, console)
-    sentences = [sentence for damage in damages for sentence in _settle(damage, config, runs)]
-    for sentence in [*runs.flaws, *sentences, *leftovers]:
-        _say(console, sentence)
+    damages: list[Damage] = []
+    try:
+        for damage in _find(config, found, console):
+            damages.append(damage)
+    finally:  # who is interrupted after hours still hears what was found
+        damages.sort(key=lambda damage: damage.place)
+        sentences = _settle_all(damages, config, runs)
+        for sentence in [*runs.flaws, *sentences, *leftovers]:
+            _say(console, sentence)
     num_bytes, seconds = sum(check.num_bytes for check in found), time.monotonic() - started
     rate = f"{num_bytes / 1e9:.2f} GB in {seconds:.1f} s, {num_bytes / 1e9 / seconds:.2f} GB/s"
     _say(console, f"checked {len(found)} entries and recordings ({rate}): {_verdict(damages, runs)}")
     return 1 if damages or runs.flaws else 0
 
 
-def _find(config: RunConfig, found: Sequence[Check], console: Console) -> list[Damage]:
+def _find(config: RunConfig, found: Sequence[Check], console: Console) -> Iterator[Damage]:
     num_threads = config.fsck.num_threads or math.prod(resolve_workers(config.executor))
     with ByteProgress(console, "checked", sum(check.num_bytes for check in found)) as progress:
-        damages = sorted(find_damage(found, num_threads, progress.advance), key=lambda damage: damage.place)
-    return [*damages, *find_suspects(Store(config.workspace), damages)]
+        yield from find_damage(found, num_threads, progress.advance)
+
+
+def _settle_all(damages: list[Damage], config: RunConfig, runs: RunFolders) -> list[str]:
+    """Add what may have been made from damaged files, settle it all, and return the sentences.
+
+    What is suspect is settled first: once its source is set aside, nobody would know.
+    """
+    damages += find_suspects(Store(config.workspace), damages)
+    settled = [list(_settle(damage, config, runs)) for damage in reversed(damages)]
+    return [sentence for sentences in reversed(settled) for sentence in sentences]
 
 
 def _settle(damage: Damage, config: RunConfig, runs: RunFolders) -> Iterator[str]:

@@ -3,6 +3,7 @@ import json
 import os
 import shutil
 import threading
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import replace
@@ -164,6 +165,31 @@ def test_all_bytes_are_counted_however_many_threads_there_are(toy: Any) -> None:
     assert list(find_damage(found, 4, done.append)) == []
     assert sum(done) == sum(path.stat().st_size for path in toy.store.root.glob("*/*/*")) > 0
     assert len(done) == len(found) == sum(1 for _ in toy.store.entries())
+
+
+def test_who_interrupts_hears_what_was_found(toy: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    toy.run()
+    file = _table(toy, "total", "one")
+    _rot(file)
+
+    def interrupted(found: Any, num_threads: int, advance: Any) -> Iterator[Damage]:
+        yield from find_damage(found, num_threads, advance)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("pipeline.integrity.find_damage", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        _fsck(toy)
+    assert not file.exists() and len(list(toy.store.root.glob(".damaged/*"))) == 1
+
+
+def test_what_is_suspect_is_set_aside_before_its_source(
+    filmed: Path, toy: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    order: list[str] = []
+    monkeypatch.setattr(Store, "set_aside", lambda store, folder, reason: order.append(folder.parent.name))
+    _rot(next((filmed / "store/film").glob("*/a.mp4")))
+    _check(filmed, toy)
+    assert order == ["look", "film"]
 
 
 def test_fsck_runs_beside_runs_and_not_beside_gc(toy: Any) -> None:
