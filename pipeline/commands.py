@@ -13,6 +13,7 @@ from pathlib import Path
 from rich.console import Console
 
 from assemblyhands_core.data.digests import FileDigests
+from assemblyhands_core.data.members import judged_sequences
 from assemblyhands_core.data.store import Store
 from pipeline import summary
 from pipeline.config import RunConfig, UserError
@@ -21,6 +22,7 @@ from pipeline.evaluation import kinds_of_sequences, print_evaluation
 from pipeline.executors import open_executor, resolve_workers
 from pipeline.exporting import write_export, write_hands2023
 from pipeline.garbage import find_garbage
+from pipeline.graph import JUDGED_EDGE
 from pipeline.history import History
 from pipeline.integrity import fsck
 from pipeline.interrupts import interrupts_kept
@@ -35,7 +37,7 @@ from pipeline.takes import absent_takes, select_takes, studio_folder
 from pipeline.tasks import Result
 from pipeline.verb_evaluation import print_verbs
 from pipeline.view import write_view
-from pipeline.work import SequenceWork, possible_nodes, with_set
+from pipeline.work import SequenceWork, member_rows, possible_nodes, with_set
 
 _MAX_REPAIRS = 20  # each round finds what is damaged one node further
 _PLAIN_WIDTH = 140  # of lines that go to a file or a pipe
@@ -148,12 +150,13 @@ def _works(config: RunConfig, run: str) -> list[SequenceWork]:
     digests = FileDigests(config.workspace / "file-digests.json")
     threads = resolve_workers(config.executor)[1]
     sequences = select_takes(config) if config.starts_in_studio else select_recordings(config)
-    works = []
+    split_of = {sequence.sequence_id: sequence.split for sequence in sequences}
+    judged, works = judged_sequences(split_of), []
     for sequence in sequences:
-        origins = sequence.origin_rows(digests)
+        origins = {**sequence.origin_rows(digests), JUDGED_EDGE: member_rows(split_of, judged & {sequence.sequence_id})}
         nodes = possible_nodes(config, sequence.sequence_id, origins)
         works.append(SequenceWork(config, sequence, origins, nodes, _logs(config, run), threads))
-    return with_set(works, {sequence.sequence_id: sequence.split for sequence in sequences})
+    return with_set(works, split_of)
 
 
 def _say(console: Console, sentence: str) -> None:

@@ -1,11 +1,12 @@
 """The whole way of the data."""
 
-from typing import Final
+from typing import Any, Final
 
 from pipeline.graph import (
     ACTION_EDGE,
     CROP_EDGE,
     EGO_EDGE,
+    JUDGED_EDGE,
     LABEL_EDGE,
     MEMBER_EDGE,
     SOURCE_EDGE,
@@ -56,6 +57,10 @@ from stages import (
     use_svegonet,
     write_ego_pictures,
 )
+from stages._contract import Stage
+
+_EGO_NETWORKS: Final = ("manual", "automatic", "both")
+"""By which labels they learn: people's, ours, or either (paper, Table 4)."""
 
 
 def build_dag(num_rounds: int = 3) -> Dag:
@@ -80,8 +85,11 @@ def build_dag(num_rounds: int = 3) -> Dag:
         "export": (f"round_{num_rounds}", "ego_pictures"),
         "ego_weights": ("drawn_svegonet",),
         "train_ego": ("svegonet_both", "ego_evaluation_both"),
-        "cross": tuple(f"ego_evaluation_{labels}" for labels in ("manual", "automatic", "both")),
+        "cross": tuple(f"{node}_{labels}" for labels in _EGO_NETWORKS for node in ("svegonet", "ego_evaluation")),
         "predict": ("predict_ego", "predict_manual", "ego_evaluation", "ego_sheet"),
+        "label_quality": tuple(
+            f"{node}_{labels}" for labels in ("automatic", "tracked") for node in ("svegonet", "ego_evaluation")
+        ),
         "ego_only": ("evaluation_ego_only", "evaluation_ego_only_manual"),
         "verbs": ("verb_table", "verb_table_manual"),
         "train_verbs": ("own_verb_table", "own_verb_table_manual"),
@@ -229,30 +237,37 @@ def _add_egocentric(dag: Dag, last: str) -> None:
     dag.add("project_ego", project_ego.STAGE, **automatic)
     dag.add("project_manual", project_ego.STAGE, **manual)
     dag.add("ego_pictures", write_ego_pictures.STAGE, **automatic)
+    for suffix, found, cut_by in (("", "ego", "ingest"), ("_manual", "manual", "ingest_ego")):
+        dag.add(f"ego_only{suffix}", triangulate_ego.STAGE, crops=f"project_{found}.crops")
+        _add_one_evaluation(dag, f"evaluation_ego_only{suffix}", f"ego_only{suffix}", cut_by)
+    dag.add("project_tracked", project_ego.STAGE, **{**automatic, "joints": "ego_only.joints"})
     drawn = {"orders": CROP_EDGE, "chunks": "crop_plan.chunks"}
     dag.add("drawn_ego_crops", draw_ego_crops.STAGE, **drawn)
     on_drawn = {"members": MEMBER_EDGE, "automatic": "drawn_ego_crops.crops"}
     dag.add("drawn_svegonet", train_svegonet.ON_AUTOMATIC, **on_drawn)
     dag.add("svegonet", use_svegonet.STAGE)
-    _add_prediction(dag, "", "svegonet.weights")
+    _add_prediction(dag, "", "svegonet.weights", evaluate_ego.STAGE)
     seen = {"views": "ingest.views", "crops": "project_ego.crops", "hands": "predict_ego.hands"}
     dag.add("ego_sheet", draw_ego_sheet.STAGE, **seen)
     crops = {"members": MEMBER_EDGE, "manual": "project_manual.crops", "automatic": "project_ego.crops"}
-    for name, stage in (
-        ("manual", train_svegonet.ON_MANUAL),
-        ("automatic", train_svegonet.ON_AUTOMATIC),
-        ("both", train_svegonet.STAGE),
+    tracked = {**crops, "automatic": "project_tracked.crops"}
+    for name, stage, labelled in (
+        ("manual", train_svegonet.ON_MANUAL, crops),
+        ("automatic", train_svegonet.ON_AUTOMATIC, crops),
+        ("both", train_svegonet.STAGE, crops),
+        ("tracked", train_svegonet.ON_AUTOMATIC, tracked),
     ):
-        dag.add(f"svegonet_{name}", stage, **{role: crops[role] for role in stage.inputs})
-        _add_prediction(dag, f"_{name}", f"svegonet_{name}.weights")
+        dag.add(f"svegonet_{name}", stage, **{role: labelled[role] for role in stage.inputs})
+        _add_prediction(dag, f"_{name}", f"svegonet_{name}.weights", evaluate_ego.OF_JUDGED)
 
 
-def _add_prediction(dag: Dag, suffix: str, weights: str) -> None:
+def _add_prediction(dag: Dag, suffix: str, weights: str, evaluation: Stage[Any]) -> None:
     """Add how an egocentric network is used, and held against both kinds of labels."""
+    judged = {"judged": JUDGED_EDGE} if "judged" in evaluation.inputs else {}
     for name in ("ego", "manual"):
         crops = f"project_{name}.crops"
         dag.add(f"predict_{name}{suffix}", predict_ego.STAGE, crops=crops, weights=weights)
-        dag.add(f"errors_{name}{suffix}", evaluate_ego.STAGE, crops=crops, hands=f"predict_{name}{suffix}.hands")
+        dag.add(f"errors_{name}{suffix}", evaluation, crops=crops, hands=f"predict_{name}{suffix}.hands", **judged)
     errors = {"manual": f"errors_manual{suffix}.errors", "automatic": f"errors_ego{suffix}.errors"}
     dag.add(f"ego_evaluation{suffix}", tabulate_ego.STAGE, members=MEMBER_EDGE, **errors)
 
@@ -271,8 +286,6 @@ def _add_verbs(dag: Dag, last: str) -> None:
         ("", "ingest.views", f"{last}.joints", "ego"),
         ("_manual", "ingest_ego.views", "ingest_ego.joints", "manual"),
     ):
-        dag.add(f"ego_only{suffix}", triangulate_ego.STAGE, crops=f"project_{found}.crops")
-        _add_one_evaluation(dag, f"evaluation_ego_only{suffix}", f"ego_only{suffix}", views.split(".")[0])
         poses = {
             "annotation": annotation,
             "svegonet": f"predict_{found}.joints",

@@ -15,6 +15,7 @@ _NETWORKS: Final = {
     "ego_evaluation_manual": "Train-M",
     "ego_evaluation_automatic": "Train-A",
     "ego_evaluation_both": "Train-M+A",
+    "ego_evaluation_tracked": "Train-T",
 }
 _LABELS: Final = {"manual": "Eval-M", "automatic": "Eval-A", "both": "Eval-M+A"}
 _COLUMNS: Final = {

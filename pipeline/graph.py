@@ -13,6 +13,7 @@ SOURCE_EDGE: Final = "sources"  # the recording's own files, as the engine finds
 TAKE_EDGE: Final = "takes"  # what the studio is to record, as the manifest orders it
 LABEL_EDGE: Final = "label_sources"  # what people annotated in the recording
 MEMBER_EDGE: Final = "members"  # which sequences a run is about, and the split of each
+JUDGED_EDGE: Final = "judged"  # there for a sequence that networks are judged by, not for one that they learn from
 TRUTH_EDGE: Final = "truth"  # files of the recording's ground truth, which evaluation alone may read
 ACTION_EDGE: Final = "action_sources"  # what is being done when, as a file of fine-grained labels says
 EGO_EDGE: Final = "ego_sources"  # the headset's own files, so that the fixed cameras' results do not depend on them
@@ -23,6 +24,7 @@ ORIGINS: Final[Mapping[str, TableSpec]] = {
     LABEL_EDGE: SOURCES,
     ACTION_EDGE: SOURCES,
     MEMBER_EDGE: MEMBERS,
+    JUDGED_EDGE: MEMBERS,
     TAKE_EDGE: TAKES,
     CROP_EDGE: CROP_ORDERS,
     TRUTH_EDGE: SOURCES,

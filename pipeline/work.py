@@ -1,6 +1,6 @@
 """A sequence's share of a run, and the set's: tasks node by node, and the handles of those already under way."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -208,7 +208,7 @@ def with_set(works: Sequence[SequenceWork], splits: Mapping[str, str]) -> list[S
     nodes = [node for node in config.dag.upto(config.wanted_nodes) if node.shard == "set"]
     if not nodes:
         return list(works)
-    origins = {MEMBER_EDGE: [{"sequence_id": name, "split": splits[name]} for name in sorted(splits)]}
+    origins = {MEMBER_EDGE: member_rows(splits, splits)}
     whole = SetWork(config, SequenceSet(), origins, nodes, first.logs, first.num_threads, members=members)
     for node in nodes:
         needed = [name for name in node.upstream if not whole._is_of_set(name)]
@@ -217,6 +217,11 @@ def with_set(works: Sequence[SequenceWork], splits: Mapping[str, str]) -> list[S
     for work in works:
         work.whole = whole
     return [*works, whole]
+
+
+def member_rows(splits: Mapping[str, str], names: Iterable[str]) -> list[Mapping[str, str]]:
+    """Return the `catalog.MEMBERS` rows of some sequences."""
+    return [{"sequence_id": name, "split": splits[name]} for name in sorted(names)]
 
 
 def possible_nodes(config: RunConfig, sequence_id: str, origins: Mapping[str, Sequence[Any]]) -> list[Node]:

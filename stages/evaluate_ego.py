@@ -4,8 +4,9 @@ import numpy as np
 import pyarrow.compute as pc
 
 from assemblyhands_core.data.arrays import to_numpy
-from assemblyhands_core.data.catalog import EGO_CROPS, EGO_ERRORS, EGO_HANDS
+from assemblyhands_core.data.catalog import EGO_CROPS, EGO_ERRORS, EGO_HANDS, MEMBERS
 from assemblyhands_core.data.label_rows import MANUAL
+from assemblyhands_core.data.tables import TableSpec
 from assemblyhands_core.hands.joints import HANDS, NUM_JOINTS
 from assemblyhands_core.hands.wrist import relative_to_wrist
 from assemblyhands_core.metrics.keypoints import joint_errors_mm
@@ -41,12 +42,18 @@ def run(config: StageConfig, inputs: Tables, context: Context) -> Tables:
     return {"errors": EGO_ERRORS.build(columns)}
 
 
-STAGE = Stage(
-    name="evaluate_ego",
-    version=2,
-    config=StageConfig,
-    inputs={"crops": EGO_CROPS, "hands": EGO_HANDS},
-    outputs={"errors": EGO_ERRORS},
-    run=run,
-    shard="sequence",
-)
+def _stage(**more: TableSpec) -> Stage[StageConfig]:
+    return Stage(
+        name="evaluate_ego",
+        version=2,
+        config=StageConfig,
+        inputs={"crops": EGO_CROPS, "hands": EGO_HANDS, **more},
+        outputs={"errors": EGO_ERRORS},
+        run=run,
+        shard="sequence",
+    )
+
+
+STAGE = _stage()
+OF_JUDGED = _stage(judged=MEMBERS)
+"""The same for the sequences alone that a network trained in this run is judged by."""

@@ -5,11 +5,10 @@ import pyarrow.compute as pc
 from pydantic import Field
 
 from assemblyhands_core.data.catalog import EGO_ERRORS, EVALUATION, MEMBERS
+from assemblyhands_core.data.members import judged_of
 from assemblyhands_core.metrics.annotation import Resampling
 from assemblyhands_core.metrics.egocentric import evaluate_egocentric
 from stages._contract import Context, Stage, StageConfig, Tables
-
-_LEARNT_FROM = ("train", "manual_train", "val", "manual_val")
 
 
 class TabulateEgoConfig(StageConfig):
@@ -22,11 +21,9 @@ class TabulateEgoConfig(StageConfig):
 
 def run(config: TabulateEgoConfig, inputs: Tables, context: Context) -> Tables:
     """Tabulate the errors on all sequences but those of the splits for training; on all, if there are no others."""
-    members = inputs["members"]
-    is_other = pc.invert(pc.is_in(members["split"], value_set=pa.array(_LEARNT_FROM)))
-    names = members.filter(is_other)["sequence_id"] if pc.any(is_other).as_py() else members["sequence_id"]
+    names = pa.array(judged_of(inputs["members"]), pa.string())
     errors = pa.concat_tables([inputs["manual"], inputs["automatic"]])
-    errors = errors.filter(pc.is_in(errors["sequence_id"], value_set=names.combine_chunks()))
+    errors = errors.filter(pc.is_in(errors["sequence_id"], value_set=names))
     cells = evaluate_egocentric(errors, Resampling(config.block_frames, config.num_resamples, config.seed))
     return {"metrics": EVALUATION.from_rows([{"sequence_id": context.sequence_id, **cell._asdict()} for cell in cells])}
 

@@ -7,6 +7,7 @@ import pyarrow.compute as pc
 from pydantic import Field
 
 from assemblyhands_core.data.catalog import EVALUATION, MEMBERS
+from assemblyhands_core.data.members import judged_of
 from assemblyhands_core.data.verb_tables import VERB_PREDICTIONS
 from assemblyhands_core.metrics.verb_rows import Blocks
 from assemblyhands_core.metrics.verbs import VerbEvaluation, evaluate_verbs
@@ -14,8 +15,6 @@ from stages._contract import Context, Stage, StageConfig, Tables
 
 SOURCES: Final = ("annotation", "svegonet", "ego_only")
 """Whose poses: our annotation (the upper bound), SVEgoNet's, and those triangulated in the headset's cameras alone."""
-
-_LEARNT_FROM = ("train", "manual_train", "val", "manual_val")
 
 
 class TabulateVerbsConfig(StageConfig):
@@ -30,12 +29,10 @@ class TabulateVerbsConfig(StageConfig):
 
 def run(config: TabulateVerbsConfig, inputs: Tables, context: Context) -> Tables:
     """Tabulate the sequences that are not for training; all, if there are no others."""
-    members = inputs["members"]
-    is_other = pc.invert(pc.is_in(members["split"], value_set=pa.array(_LEARNT_FROM)))
-    names = members.filter(is_other)["sequence_id"] if pc.any(is_other).as_py() else members["sequence_id"]
+    names = pa.array(judged_of(inputs["members"]), pa.string())
     tables = []
     for source in SOURCES:
-        rows = inputs[source].filter(pc.is_in(inputs[source]["sequence_id"], value_set=names.combine_chunks()))
+        rows = inputs[source].filter(pc.is_in(inputs[source]["sequence_id"], value_set=names))
         tables.append(rows.append_column("source", pa.array([source] * rows.num_rows, pa.string())))
     evaluation = VerbEvaluation(
         verbs=config.verbs,

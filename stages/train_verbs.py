@@ -7,6 +7,7 @@ import pyarrow as pa
 from pydantic import Field
 
 from assemblyhands_core.data.catalog import MEMBERS, TRAINING_CURVE, WEIGHTS
+from assemblyhands_core.data.members import TRAINING_SPLITS, VALIDATION_SPLITS
 from assemblyhands_core.data.pose_clips import PoseClip
 from assemblyhands_core.data.pose_sequences import Centre, Length, PoseSequenceConfig, Scale
 from assemblyhands_core.data.verb_clip_rows import clips_of
@@ -15,9 +16,6 @@ from assemblyhands_core.data.verb_tables import VERB_CLIPS
 from assemblyhands_core.training.verb_dataset import PLAIN, Mirroring, VerbAugmentation, VerbClips
 from stages._contract import Context, Stage, StageConfig, Tables
 from stages._training import ScheduleConfig, fitted, is_held_out, started, training_externals
-
-TRAINING_SPLITS = ("train", "manual_train")
-_VALIDATION_SPLITS = ("val", "manual_val")
 
 Clip = tuple[VerbSegment, PoseClip]
 
@@ -95,7 +93,7 @@ def _split(config: TrainVerbsConfig, inputs: Tables) -> tuple[list[Clip], list[C
     splits = dict(zip(members["sequence_id"].to_pylist(), members["split"].to_pylist(), strict=True))
     seen = [(splits.get(one.recording, ""), (one, clip)) for one, clip in clips_of(inputs["clips"]) if clip.coverage]
     training = [clip for split, clip in seen if split in TRAINING_SPLITS]
-    held_out = [clip for split, clip in seen if split in _VALIDATION_SPLITS]
+    held_out = [clip for split, clip in seen if split in VALIDATION_SPLITS]
     if not training:
         raise ValueError("no sequence of split train has poses in segments with verbs: add some")
     if held_out:

@@ -4,7 +4,7 @@ import pytest
 
 from assemblyhands_core.data.catalog import CHUNKS, SOURCES, VIEWS
 from pipeline.dag import build_dag
-from pipeline.graph import SOURCE_EDGE, TRUTH_EDGE, Dag
+from pipeline.graph import JUDGED_EDGE, SOURCE_EDGE, TRUTH_EDGE, Dag
 from stages._contract import Stage, StageConfig
 
 
@@ -44,6 +44,21 @@ def test_an_absent_origin_takes_out_all_that_it_leads_to() -> None:
     assert [node.name for node in dag.upto(("report", "last"))] == ["first", "judged", "report", "last"]
     assert [node.name for node in dag.upto(("report", "last"), (TRUTH_EDGE,))] == ["first", "last"]
     assert dag.upto(("report",), (TRUTH_EDGE,)) == []
+
+
+@pytest.mark.parametrize("target", ["cross", "train_ego", "label_quality"])
+def test_what_a_network_learns_from_is_not_predicted_by_it(target: str) -> None:
+    dag = build_dag()
+    judged = {node.name for node in dag.upto(dag.targets[target])}
+    learnt_from = {node.name for node in dag.upto(dag.targets[target], (JUDGED_EDGE,))}
+    trained = {name for name in judged if name.startswith("svegonet_")}
+    assert trained and trained <= learnt_from
+    assert {name for name in judged - learnt_from if not name.startswith("project_")} == {
+        f"{node}_{crops}_{name.removeprefix('svegonet_')}"
+        for node in ("predict", "errors")
+        for crops in ("ego", "manual")
+        for name in trained
+    }
 
 
 def test_what_annotates_does_not_depend_on_the_truth() -> None:
