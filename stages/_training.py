@@ -18,6 +18,7 @@ from pydantic import Field, model_validator
 from assemblyhands_core.data.catalog import TRAINING_CURVE, WEIGHTS
 from assemblyhands_core.data.digests import digest_file
 from assemblyhands_core.data.hand_crops import stored_hands
+from assemblyhands_core.data.members import TRAINING_SPLITS, VALIDATION_SPLITS
 from assemblyhands_core.data.provenance import code_commit
 from assemblyhands_core.synthetic.version import SIMULATOR_VERSION
 from assemblyhands_core.training.hand_dataset import Augmentation, HandCrops
@@ -206,6 +207,13 @@ def _digest(path: Path, parameter: str) -> str:
     if not path.is_file():
         raise ValueError(f"There are no weights at {path}: give {parameter}=PATH of a file, or null.")
     return digest_file(path)
+
+
+def learnt_from(members: pa.Table) -> str:
+    """Return the training sequences of a set and those held out, as a card of weights names them."""
+    pairs = sorted(zip(members["sequence_id"].to_pylist(), members["split"].to_pylist(), strict=True))
+    learnt, held_out = ([n for n, s in pairs if s in splits] for splits in (TRAINING_SPLITS, VALIDATION_SPLITS))
+    return ", ".join(learnt) + ("; held out: " + ", ".join(held_out) if held_out else "")
 
 
 def weights_file(table: pa.Table) -> Path:

@@ -11,7 +11,7 @@ from pydantic import Field
 from assemblyhands_core.data.catalog import EGO_CROPS, MEMBERS, TRAINING_CURVE, WEIGHTS
 from assemblyhands_core.training.ego_dataset import PLAIN, EgoAugmentation, EgoCrops
 from stages._contract import Context, Stage, StageConfig, Tables
-from stages._training import REPOSITORY, ScheduleConfig, begun, fitted, is_held_out, training_externals
+from stages._training import REPOSITORY, ScheduleConfig, begun, fitted, is_held_out, learnt_from, training_externals
 
 _LABELS: Final = ("manual", "automatic")
 # The paper's manual and automatic sets are of different sequences; in a run without manual ones, others' labels do.
@@ -64,7 +64,8 @@ def run(config: TrainSvegonetConfig, inputs: Tables, context: Context) -> Tables
     network = SVEgoNet(SVEgoNetConfig(**{name: getattr(config, name) for name in names}))
     start = begun(network, config, config.from_imagenet, config.backbone_path)
     task = ego_task(network, *_data_sets(config, inputs))
-    return fitted(network, task, config, context, {"start": start, "labels": " and ".join(_found(inputs))}, "mm")
+    card = {"start": start, "labels": " and ".join(_found(inputs)), "sequences": learnt_from(inputs["members"])}
+    return fitted(network, task, config, context, card, "mm")
 
 
 def _data_sets(config: TrainSvegonetConfig, inputs: Tables) -> tuple[EgoCrops, EgoCrops]:

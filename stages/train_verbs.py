@@ -15,7 +15,7 @@ from assemblyhands_core.data.verb_segments import VerbSegment
 from assemblyhands_core.data.verb_tables import VERB_CLIPS
 from assemblyhands_core.training.verb_dataset import PLAIN, Mirroring, VerbAugmentation, VerbClips
 from stages._contract import Context, Stage, StageConfig, Tables
-from stages._training import ScheduleConfig, fitted, is_held_out, started, training_externals
+from stages._training import ScheduleConfig, fitted, is_held_out, learnt_from, started, training_externals
 
 Clip = tuple[VerbSegment, PoseClip]
 
@@ -80,7 +80,11 @@ def run(config: TrainVerbsConfig, inputs: Tables, context: Context) -> Tables:
     learnt = _clips(config, training, nouns, sequence, VerbAugmentation(**config.augmentation.model_dump()))
     judged = _clips(config, held_out, nouns, sequence, PLAIN)
     task = verb_task(network, learnt, judged.spread(config.max_held_out))
-    card = {"start": start, **VerbClassifier.card(config.verbs, nouns, sequence)}
+    card = {
+        "start": start,
+        "sequences": learnt_from(inputs["members"]),
+        **VerbClassifier.card(config.verbs, nouns, sequence),
+    }
     return fitted(network, task, config, context, card, "percent")
 
 
