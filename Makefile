@@ -4,6 +4,7 @@ PYTHON ?= $(shell for python in python3 python3.12 python3.11; do \
 	$$python -c 'import sys; sys.exit(not (3, 11) <= sys.version_info < (3, 13))' 2>/dev/null && echo $$python && break; \
 	done || echo python3)
 SEQ ?=
+PRESET ?= tiny
 SET ?=
 ARGS ?=
 
@@ -14,7 +15,7 @@ SEQUENCE := $(if $(SET),manifest=data_manifests/synthetic_$(SET).csv) $(if $(SEQ
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 SOURCES := assemblyhands_core stages pipeline tests benchmarks
 
-.PHONY: annotate evaluate simulate train ego predict train-ego verbs train-verbs export plan doctor gc fsck test test-slow check format benchmark docs help clean
+.PHONY: all annotate evaluate simulate train ego predict train-ego verbs train-verbs export plan doctor gc fsck test test-slow check format benchmark docs help clean
 .DEFAULT_GOAL := help
 
 annotate: $(VENV)/.installed  ## video in, 3D hand joints out: SEQ=name (default: records one), ARGS='parameter=value'
@@ -25,6 +26,9 @@ evaluate: $(VENV)/.installed  ## annotate, and hold every round against the simu
 
 simulate: $(VENV)/.installed  ## record synthetic sequences: SET=tiny, test, desktop, ego, small or full, or SEQ=name
 	$(RUN) simulate $(SEQUENCE) $(ARGS)
+
+all: $(VENV)/.installed-training  ## everything, from recordings to the tables of the paper and a report: PRESET=tiny, small or paper
+	$(RUN) all preset=$(PRESET) $(ARGS)
 
 train: $(VENV)/.installed-training  ## draw crops in the studio and train our networks on them (hours; goes on where it was)
 	$(RUN) training_data manifest=data_manifests/training_crops.csv seq=crops_train $(ARGS)

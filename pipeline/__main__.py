@@ -21,6 +21,7 @@ _COMMANDS = ("run", "plan", "preflight", "gc", "fsck", "describe")
 _USAGE = """usage: python -m pipeline [COMMAND] [parameter=value ...]
 
 commands
+  all        everything from recordings to the paper's tables and a report: preset=tiny, small or paper
   annotate   video in, 3D hand joints out (the default): what is there already is reused
   smooth     the same, and the joints cleaned up over time beside them
   evaluate   annotate, hold every round against the truth where it is known, and write a report

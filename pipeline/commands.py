@@ -92,6 +92,7 @@ def _run(config: RunConfig, console: Console, command_line: str) -> int:
     summary.print_audit(console, folder)
     summary.print_left_out(console, folder)
     summary.print_quality(console, folder)
+    summary.print_unmade(console, config, found)
     summary.print_rounds(console, folder, synthetic_sequences(config))
     summary.print_weights(console, folder)
     kinds = kinds_of_sequences(config)

@@ -75,6 +75,7 @@ class RunConfig(_Model):
     @property
     def dag(self) -> Dag:
         """Return the DAG that runs."""
+    ego_network: Literal["shipped", "trained"] = "shipped"
         return self._dag
 
     @property
@@ -109,7 +110,7 @@ def check_config(composed: DictConfig) -> RunConfig:
     classes = {node.stage.name: node.stage.config for node in build_dag().nodes.values()}
     stages = {name: _validate(cls, values.pop(name), f"{name}.") for name, cls in classes.items()}
     config: RunConfig = _validate(RunConfig, values, "")
-    dag = build_dag(config.rounds)
+    dag = build_dag(config.rounds, config.ego_network == "trained")
     config._dag, config._stages = dag, stages
     known = [*dag.targets, *dag.nodes]
     if config.target not in known:

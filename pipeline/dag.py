@@ -63,8 +63,14 @@ _EGO_NETWORKS: Final = ("manual", "automatic", "both")
 """By which labels they learn: people's, ours, or either (paper, Table 4)."""
 
 
-def build_dag(num_rounds: int = 3) -> Dag:
-    """Return the whole pipeline; its annotation is that of the last round, 2D + triangulation without any."""
+def build_dag(num_rounds: int = 3, is_ego_trained: bool = False) -> Dag:
+    """Return the whole pipeline; its annotation is that of the last round, 2D + triangulation without any.
+
+    Args:
+        num_rounds: How often the annotation is refined.
+        is_ego_trained: Whether hands in the headset's pictures are found by the SVEgoNet that the run itself trains on
+            all its labels, instead of the shipped one.
+    """
     dag = Dag()
     _add_studio(dag)
     _add_training(dag)
@@ -72,7 +78,7 @@ def build_dag(num_rounds: int = 3) -> Dag:
     _add_rounds(dag, num_rounds)
     _add_results(dag, f"round_{num_rounds}")
     _add_own_training(dag)
-    _add_egocentric(dag, f"round_{num_rounds}")
+    _add_egocentric(dag, f"round_{num_rounds}", "svegonet_both" if is_ego_trained else "svegonet")
     evaluations = _add_evaluation(dag, num_rounds)
     _add_verbs(dag, f"round_{num_rounds}")
     dag.targets |= {
@@ -93,6 +99,12 @@ def build_dag(num_rounds: int = 3) -> Dag:
         "ego_only": ("evaluation_ego_only", "evaluation_ego_only_manual"),
         "verbs": ("verb_table", "verb_table_manual"),
         "train_verbs": ("own_verb_table", "own_verb_table_manual"),
+        "all": (
+            *("quality", "overlay", *evaluations, "evaluation_bound"),
+            *("svegonet_both", "ego_evaluation_both", "ego_evaluation", "ego_sheet"),
+            *("evaluation_ego_only", "evaluation_ego_only_manual"),
+            *("verb_table", "verb_table_manual", "own_verb_table", "own_verb_table_manual"),
+        ),
         "verb_weights": ("drawn_verb_weights", "drawn_verbs"),
         "simulate": ("delivery", "preview"),
         "training_data": ("training_crops", "body_views"),
@@ -222,7 +234,7 @@ def _add_own_training(dag: Dag) -> None:
         dag.add_for_set(name, stage, data)
 
 
-def _add_egocentric(dag: Dag, last: str) -> None:
+def _add_egocentric(dag: Dag, last: str, network: str) -> None:
     """Add how an annotation becomes crops of the headset's pictures (paper, Sec. 4)."""
     dag.add("ingest_ego", ingest_ego.STAGE, sources=EGO_EDGE)
     dag.add("undistort_ego", undistort.STAGE, views="ingest_ego.views")
@@ -246,9 +258,6 @@ def _add_egocentric(dag: Dag, last: str) -> None:
     on_drawn = {"members": MEMBER_EDGE, "automatic": "drawn_ego_crops.crops"}
     dag.add("drawn_svegonet", train_svegonet.ON_AUTOMATIC, **on_drawn)
     dag.add("svegonet", use_svegonet.STAGE)
-    _add_prediction(dag, "", "svegonet.weights", evaluate_ego.STAGE)
-    seen = {"views": "ingest.views", "crops": "project_ego.crops", "hands": "predict_ego.hands"}
-    dag.add("ego_sheet", draw_ego_sheet.STAGE, **seen)
     crops = {"members": MEMBER_EDGE, "manual": "project_manual.crops", "automatic": "project_ego.crops"}
     tracked = {**crops, "automatic": "project_tracked.crops"}
     for name, stage, labelled in (
@@ -259,6 +268,9 @@ def _add_egocentric(dag: Dag, last: str) -> None:
     ):
         dag.add(f"svegonet_{name}", stage, **{role: labelled[role] for role in stage.inputs})
         _add_prediction(dag, f"_{name}", f"svegonet_{name}.weights", evaluate_ego.OF_JUDGED)
+    _add_prediction(dag, "", f"{network}.weights", evaluate_ego.STAGE)
+    seen = {"views": "ingest.views", "crops": "project_ego.crops", "hands": "predict_ego.hands"}
+    dag.add("ego_sheet", draw_ego_sheet.STAGE, **seen)
 
 
 def _add_prediction(dag: Dag, suffix: str, weights: str, evaluation: Stage[Any]) -> None:

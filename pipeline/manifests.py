@@ -66,16 +66,26 @@ def _listed(names: Sequence[str]) -> str:
 
 
 def _manifest_rows(manifest: str | None) -> dict[str, ManifestRow]:
-    paths = sorted(glob.glob(manifest)) if manifest else [str(MANIFESTS / name) for name in _DEFAULTS]
-    if not paths:
-        raise UserError(f"manifest={manifest} names no file")
     rows: dict[str, ManifestRow] = {}
-    for path in map(Path, paths):
+    for path in _files(manifest) if manifest else [MANIFESTS / name for name in _DEFAULTS]:
         for row in _read_csv(path):
             if row["sequence_id"] in rows:
                 raise UserError(f"{path}: the sequence {row['sequence_id']} stands in the manifest twice")
             rows[checked_name(row["sequence_id"])] = {**row, "manifest": str(path), "folder": str(path.parent)}
     return rows
+
+
+def _files(manifest: str) -> list[Path]:
+    """Return the files that a parameter names: paths or globs, with commas between them."""
+    if Path(manifest).is_file():  # whose name has a comma
+        return [Path(manifest)]
+    found: list[Path] = []
+    for pattern in manifest.split(","):
+        paths = sorted(map(Path, glob.glob(pattern.strip())))
+        if not paths:
+            raise UserError(f"manifest={pattern} names no file")
+        found += [path for path in paths if path not in found]
+    return found
 
 
 def _read_csv(path: Path) -> list[ManifestRow]:

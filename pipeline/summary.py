@@ -13,6 +13,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from pipeline.config import RunConfig
 from pipeline.grids import Grid, rich_table
 from pipeline.plan import PlannedNode
 from pipeline.tasks import Result
@@ -63,6 +64,15 @@ def print_times(console: Console, results: Sequence[Result], started: float) -> 
         table.add_row(node, str(len(shards)), str(reused), _duration(seconds) if seconds else "", digest)
     console.print(table)
     console.print(f"engine time: {time.monotonic() - started:.1f} s")
+
+
+def print_unmade(console: Console, config: RunConfig, found: Sequence[Result]) -> None:
+    """Say what of a target is about all sequences and was not made, because none of them has what it needs."""
+    made = {result.node for result in found}
+    unmade = [name for name in config.wanted_nodes if config.dag.nodes[name].shard == "set" and name not in made]
+    if unmade:
+        text = f"not made, as no sequence of this run has what they need: {', '.join(unmade)}"
+        console.print(text, markup=False, highlight=False, soft_wrap=True)
 
 
 def print_left_out(console: Console, run: Path) -> None:

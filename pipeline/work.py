@@ -193,6 +193,11 @@ class SetWork(SequenceWork):
         """Return the sequences that have a node; one without headset has no egocentric crops."""
         return [member for member in self.members if any(node.name == name for node in member.nodes)]
 
+    def _needed_in_vain(self, node: Node) -> list[str]:
+        """Return the nodes of sequences that a node of the set reads if no sequence has any of them."""
+        needed = [name for name in node.upstream if not self._is_of_set(name)]
+        return [] if any(self._members_with(name) for name in needed) else needed
+
     def _read_nodes(self, member: SequenceWork, node: Node) -> list[Node]:
         return [other for other in member.nodes if other.name in node.upstream]
 
@@ -200,8 +205,10 @@ class SetWork(SequenceWork):
 def with_set(works: Sequence[SequenceWork], splits: Mapping[str, str]) -> list[SequenceWork]:
     """Return the works of sequences and, if a target needs any, of the set that they are, with the split of each.
 
+    Nodes of the set that read what no sequence has are left out.
+
     Raises:
-        UserError: No sequence has what a node of the set reads.
+        UserError: Nothing is left then.
     """
     config, first = works[0].config, works[0]
     members = sorted(works, key=lambda work: work.recording.sequence_id)
@@ -210,10 +217,11 @@ def with_set(works: Sequence[SequenceWork], splits: Mapping[str, str]) -> list[S
         return list(works)
     origins = {MEMBER_EDGE: member_rows(splits, splits)}
     whole = SetWork(config, SequenceSet(), origins, nodes, first.logs, first.num_threads, members=members)
-    for node in nodes:
-        needed = [name for name in node.upstream if not whole._is_of_set(name)]
-        if needed and not any(whole._members_with(name) for name in needed):
-            raise UserError(f"no sequence of this run has {' or '.join(needed)}, which {node.name} needs")
+    lacking = {node.name: needed for node in nodes if (needed := whole._needed_in_vain(node))}
+    if len(lacking) == len(nodes) and not any(work.nodes for work in works):
+        name, needed = next(iter(lacking.items()))
+        raise UserError(f"no sequence of this run has {' or '.join(needed)}, which {name} needs")
+    whole.nodes = [node for node in nodes if node.name not in lacking]
     for work in works:
         work.whole = whole
     return [*works, whole]

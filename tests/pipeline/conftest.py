@@ -125,6 +125,7 @@ def toy_dag(version: int = 1) -> Dag:
     dag.add("error", judging, truth=TRUTH_EDGE, numbers="total.numbers")
     over_all = Stage("mean", 1, SumConfig, {"members": MEMBERS, "totals": NUMBERS}, numbers, mean, "set")
     dag.add("mean", over_all, members=MEMBER_EDGE, totals="total.numbers")
+    dag.add("mean_error", over_all, members=MEMBER_EDGE, totals="error.numbers")
     finer = Stage("cut_finer", 1, CutConfig, {"sources": SOURCES}, {"chunks": CHUNKS}, cut_finer, "sequence")
     dag.add("finer", finer, sources=SOURCE_EDGE)
     dag.add("times_finer", times, chunks="finer.chunks", numbers="cut.numbers")

@@ -54,6 +54,20 @@ def test_asking_for_nothing_but_what_needs_truth_is_refused_without_it(toy: Any)
     assert [node.name for node in possible_nodes(config, "one", {SOURCE_EDGE: [{}], TRUTH_EDGE: [{}]})][-1] == "error"
 
 
+def test_what_is_about_all_sequences_is_left_out_where_none_has_what_it_reads(toy: Any) -> None:
+    toy.targets = ("total", "mean", "mean_error")
+    assert "mean_error all-sequences" not in toy.status(toy.run())
+    toy.know("one", 30.0)
+    statuses = toy.status(toy.run())
+    assert statuses["mean_error all-sequences"] == "done" and statuses["mean all-sequences"] == "reused"
+
+
+def test_it_is_refused_where_nothing_else_is_asked_for(toy: Any) -> None:
+    toy.targets = ("mean_error",)
+    with pytest.raises(UserError, match="no sequence of this run has error, which mean_error needs"):
+        toy.run()
+
+
 def test_a_sequence_can_be_cut_in_two_ways_at_once(toy: Any) -> None:
     toy.targets = ("both",)
     statuses = toy.status(toy.run())
