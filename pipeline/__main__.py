@@ -17,7 +17,7 @@ from pipeline.describe import describe
 from pipeline.overrides import is_sweep, literal, stray_word
 
 _INTERRUPTED = 130  # as shells count it: 128 + SIGINT
-_COMMANDS = ("run", "plan", "preflight", "gc", "fsck", "describe")
+_COMMANDS = ("run", "plan", "preflight", "gc", "fsck", "view", "describe")
 _USAGE = """usage: python -m pipeline [COMMAND] [parameter=value ...]
 
 commands
@@ -35,6 +35,7 @@ commands
   plan       say what would run, what is reused, and why; changes nothing
   gc         remove results that none of the newest runs refers to
   fsck       read all results again, and set aside what is damaged so that the next run makes it anew
+  view       write a run's sequences for the viewer rerun: seq=NAME [run=NAME]; work/runs/<run>/view/<seq>.rrd
   describe   the DAG and all tables, in Markdown
 
 often used parameters

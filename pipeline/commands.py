@@ -32,6 +32,7 @@ from pipeline.progress import Progress
 from pipeline.publishing import publish
 from pipeline.recordings import select_recordings, synthetic_sequences
 from pipeline.report import write_report
+from pipeline.rerun_view import write_rerun_views
 from pipeline.runner import Runner, results
 from pipeline.takes import absent_takes, select_takes, studio_folder
 from pipeline.tasks import Result
@@ -56,6 +57,8 @@ def execute(command: str, config: RunConfig, command_line: str) -> int:
     if command == "fsck":
         with _lock(config.workspace, exclusive=False):
             return fsck(config, console)
+    if command == "view":
+        return write_rerun_views(config, console)
     if (before := _recording_first(config)) is not None:
         _say(console, f"these sequences are recorded first, once, in the simulated studio: {before.seq}")
         if code := _run(before, console, command_line):

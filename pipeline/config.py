@@ -54,6 +54,17 @@ class FsckConfig(_Model):
     dry_run: bool = False
 
 
+class ViewConfig(_Model):
+    """What ``view`` writes for the viewer rerun."""
+
+    first_frame: int = Field(default=0, ge=0)
+    num_frames: int = Field(default=300, ge=1)
+    step: int = Field(default=1, ge=1)
+    pictures: bool = True
+    max_side_px: int = Field(default=960, ge=16)
+    jpeg_quality: int = Field(default=80, ge=1, le=100)
+
+
 class RunConfig(_Model):
     """Everything but the stages' parameters, which are checked by their own classes."""
 
@@ -69,6 +80,7 @@ class RunConfig(_Model):
     executor: ExecutorConfig
     gc: GcConfig
     fsck: FsckConfig = FsckConfig()
+    view: ViewConfig = ViewConfig()
     _dag: Dag = PrivateAttr()
     _stages: Mapping[str, StageConfig] = PrivateAttr()
 

@@ -1,0 +1,89 @@
+"""``python -m pipeline view``: a run's sequences as files for the viewer rerun, ``work/runs/<run>/view/<seq>.rrd``."""
+
+import fnmatch
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+from rich.console import Console
+
+from assemblyhands_core.viz.rerun_file import NoRerun
+from pipeline.config import RigConfig, RunConfig, UserError
+from pipeline.recordings import select_recordings
+from pipeline.rerun_scene import write_scene
+from pipeline.sequence_tables import SequenceTables, sequence_of
+
+_FOLDER: Final = "view"
+_LATEST: Final = "latest"
+_CAMERA_NODES: Final = ("ingest", "ingest_ego")
+
+
+def write_rerun_views(config: RunConfig, console: Console) -> int:
+    """Write a file for rerun for each sequence that ``seq`` names in a run; return the exit code.
+
+    Raises:
+        UserError: There is no such run or sequence, or rerun is not installed.
+    """
+    run = _run_folder(config)
+    for sequence_id in _chosen(config.seq, run):
+        path = run / _FOLDER / f"{sequence_id}.rrd"
+        truth = _ground_truth(config, run, sequence_id, console)
+        try:
+            said = write_scene(path, SequenceTables(run, sequence_id), config.view, _min_confidence(config), truth)
+        except NoRerun as error:
+            raise UserError(str(error)) from error
+        _say(console, said, path)
+    return 0
+
+
+def _say(console: Console, said: str, path: Path) -> None:
+    megabytes = path.stat().st_size / 1e6
+    for sentence in (said, f"rerun: {path} ({megabytes:.1f} MB); open it: .venv/bin/rerun {path}"):
+        console.print(sentence, markup=False, highlight=False, soft_wrap=True)
+
+
+def _min_confidence(config: RunConfig) -> float:
+    """Return below which confidence triangulation takes no notice of a keypoint."""
+    return float(config.stages["triangulate"].model_dump()["min_confidence"])
+
+
+def _run_folder(config: RunConfig) -> Path:
+    runs = config.workspace / "runs"
+    folder = runs / (config.run or _LATEST)
+    if not (folder / "run.json").is_file():
+        names = sorted(path.parent.name for path in runs.glob("[!.]*/run.json"))
+        raise UserError(
+            f"{folder} is no run; run=NAME is one of {', '.join(names[-8:]) or 'none yet: `annotate` makes one'}"
+        )
+    return folder.resolve()
+
+
+def _chosen(wanted: str, run: Path) -> list[str]:
+    """Return the sequences of a run that have cameras and that ``seq`` names."""
+    files = [file for node in _CAMERA_NODES for file in run.glob(f"{node}/views/*.parquet")]
+    names = sorted({sequence_of(file) for file in files})
+    patterns = ["*"] if wanted == "all" else [pattern.strip() for pattern in wanted.split(",")]
+    chosen = [name for name in names if any(fnmatch.fnmatchcase(name, pattern) for pattern in patterns)]
+    if not chosen:
+        raise UserError(f"run {run.name} has no cameras of sequence {wanted}; seq= is one of {', '.join(names) or '-'}")
+    return chosen
+
+
+def _ground_truth(config: RunConfig, run: Path, sequence_id: str, console: Console) -> Path | None:
+    """Return the folder of a sequence's truth, by the manifest that the run was made with; None without any."""
+    recorded: Mapping[str, Any] = json.loads((run / "run.json").read_text(encoding="utf-8"))["config"]
+    if recorded.get("rig", {}).get("calibration"):
+        return None
+    update = {
+        "seq": sequence_id,
+        "rig": RigConfig(calibration=None, videos=None),
+        "manifest": config.manifest or recorded["manifest"],
+        "release": config.release or (Path(recorded["release"]) if recorded.get("release") else None),
+    }
+    try:
+        (recording,) = select_recordings(config.model_copy(update=update))
+    except UserError as error:
+        console.print(f"without truth: {error}", markup=False, highlight=False, soft_wrap=True)
+        return None
+    return recording.ground_truth
