@@ -15,7 +15,7 @@ SEQUENCE := $(if $(SET),manifest=data_manifests/synthetic_$(SET).csv) $(if $(SEQ
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 SOURCES := assemblyhands_core stages pipeline tests benchmarks
 
-.PHONY: all annotate evaluate simulate train ego predict train-ego verbs train-verbs export plan doctor gc fsck test test-slow check format benchmark docs help clean
+.PHONY: all annotate evaluate simulate train ego predict train-ego verbs train-verbs export view plan doctor gc fsck test test-slow check format benchmark docs help clean
 .DEFAULT_GOAL := help
 
 annotate: $(VENV)/.installed  ## video in, 3D hand joints out: SEQ=name (default: records one), ARGS='parameter=value'
@@ -51,6 +51,9 @@ train-verbs: $(VENV)/.installed-training  ## draw poses in the studio, and train
 
 export: $(VENV)/.installed  ## annotate, and write AssemblyHands and COCO files of it
 	$(RUN) export $(SEQUENCE) $(ARGS)
+
+view: $(VENV)/.installed-view  ## a run in the viewer rerun, cameras, pictures and joints on one time line: SEQ=name, ARGS='run=NAME'
+	$(RUN) view $(SEQUENCE) $(ARGS)
 
 plan: $(VENV)/.installed  ## what `make annotate` would run, what it would reuse, and why
 	$(RUN) plan $(SEQUENCE) $(ARGS)
@@ -109,6 +112,10 @@ $(VENV)/.installed: pyproject.toml constraints.txt
 
 $(VENV)/.installed-training: $(VENV)/.installed
 	$(PIP) --editable '.[training]'
+	@touch $@
+
+$(VENV)/.installed-view: $(VENV)/.installed
+	$(PIP) --editable '.[view]'
 	@touch $@
 
 $(VENV)/.installed-dev: $(VENV)/.installed

@@ -11,7 +11,7 @@ from assemblyhands_core.data.catalog import JOINTS, VIEWS
 from assemblyhands_core.data.crop_images import encode_jpeg
 from assemblyhands_core.hands.joints import HANDS
 from assemblyhands_core.viz.joint_layers import TRUTH, JointLayer, joint_layer, layer_color, true_layer
-from assemblyhands_core.viz.rerun_file import WORLD, RerunFile, open_rerun_file, up_axis
+from assemblyhands_core.viz.rerun_file import WORLD, RerunFile, look_at_hands, open_rerun_file, up_axis
 from pipeline.config import ViewConfig
 from pipeline.rerun_cameras import FixedCamera, ShownCamera, shown_cameras
 from pipeline.sequence_tables import SequenceTables
@@ -39,8 +39,10 @@ def write_scene(
     frames = np.arange(config.first_frame, end, config.step, dtype=np.int64)
     cameras = shown_cameras(tables, config.first_frame, end, config.max_side_px, min_confidence)
     layers = _layers(tables, frames, truth)
+    fixed = [camera.raw for camera in cameras if isinstance(camera, FixedCamera)]
+    up = up_axis(fixed)
     with open_rerun_file(path, f"{tables.run.name}/{tables.sequence_id}", rate_hz) as file:
-        file.world(up_axis([camera.raw for camera in cameras if isinstance(camera, FixedCamera)]))
+        file.world(up)
         for layer in layers:
             _add_layer(file, frames, layer)
         _add_curves(file, frames, layers)
@@ -48,7 +50,7 @@ def write_scene(
             camera.add_to(file, frames)
             if config.pictures and len(frames):
                 _add_pictures(file, frames, camera, config.jpeg_quality)
-        file.layout([camera.path for camera in cameras], _shown(layers))
+        file.layout([camera.path for camera in cameras], _shown(layers), look_at_hands(_all_joints(layers), fixed, up))
     return _sentence(tables.sequence_id, frames, num_frames, cameras, layers, config)
 
 
@@ -71,6 +73,10 @@ def _layers(tables: SequenceTables, frames: Frames, truth: Path | None) -> list[
         for number, node in enumerate(nodes)
     ]
     return [*layers, *([true_layer(truth, frames)] if truth is not None else [])]
+
+
+def _all_joints(layers: list[JointLayer]) -> npt.NDArray[np.float64]:
+    return np.concatenate([np.empty((0, 3)), *(layer.joints_world_mm.reshape(-1, 3) for layer in layers)])
 
 
 def _shown(layers: list[JointLayer]) -> dict[str, bool]:

@@ -16,7 +16,7 @@ from assemblyhands_core.hands.joints import HANDS, NUM_JOINTS
 from assemblyhands_core.viz.overlays import Color
 
 TRUTH: Final = "truth"
-_TRUTH_COLOR: Final[Color] = (235, 235, 235)
+_TRUTH_COLOR: Final[Color] = (150, 150, 150)  # seen on black and on white
 # Of Okabe and Ito, as the figures have them: 2D + triangulation, then the rounds.
 _COLORS: Final[tuple[Color, ...]] = ((0, 114, 178), (230, 159, 0), (0, 158, 115), (213, 94, 0), (204, 121, 167))
 

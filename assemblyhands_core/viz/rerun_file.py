@@ -8,6 +8,7 @@ would go on showing those of an earlier frame otherwise.
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -15,7 +16,7 @@ import numpy as np
 from jaxtyping import Float, Integer
 
 from assemblyhands_core.geometry.cameras import Camera
-from assemblyhands_core.hands.joints import BONES, HANDS, JOINT_NAMES, WRIST, Hand
+from assemblyhands_core.hands.joints import BONES, HANDS, JOINT_NAMES, ROOT, WRIST, Hand
 from assemblyhands_core.viz.overlays import FINGER_COLORS, Color
 
 FRAME: Final = "frame"
@@ -27,6 +28,8 @@ _APPLICATION: Final = "assemblyhands"
 _JOINT_RADIUS_MM: Final = 2.5
 _BONE_RADIUS_MM: Final = 1.2
 _KEYPOINT_RADIUS_PX: Final = -2.0  # negative: of the screen, whatever the zoom
+_WRIST_COLOR: Final[Color] = (150, 150, 150)  # seen on black and on white
+_EYE_DISTANCE_MM: Final = 700.0
 _INSTALL: Final = (
     "install it: pip install 'assemblyhands[view]', or in this repository .venv/bin/pip install -e '.[view]'"
 )
@@ -52,7 +55,7 @@ class RerunFile:
         view = getattr(self._rr.ViewCoordinates, f"RIGHT_HAND_{up[1].upper()}_{side}")
         self._static([WORLD], view)
         joints = [
-            self._rr.AnnotationInfo(id=joint, label=name, color=(255, 255, 255) if joint == WRIST else _finger(joint))
+            self._rr.AnnotationInfo(id=joint, label=name, color=_joint_color(joint))
             for joint, name in enumerate(JOINT_NAMES)
         ]
         hands = [
@@ -116,23 +119,28 @@ class RerunFile:
         """Add a hand's joints and bones in the world, mm, NaN where there is none.
 
         Args:
-            path: Gets ``joints``, coloured by finger, and ``bones``, all in one colour and named after the hand.
+            path: Gets ``joints``, coloured by finger, ``bones``, all in one colour, and ``side``, the letter R or L.
             frames: Their numbers.
             points: Its joints.
             hand: Which one.
             color: Of the bones.
         """
         is_known = np.isfinite(points).all(axis=-1)
-        joints, bones = [*path, "joints"], [*path, "bones"]
+        joints, bones, side = ([*path, part] for part in ("joints", "bones", "side"))
         self._static(joints, self._rr.Points3D.from_fields(radii=_JOINT_RADIUS_MM, show_labels=False))
         columns = self._rr.Points3D.columns(positions=points[is_known], **_ids(is_known, hand))
         self._send(joints, frames, columns.partition(is_known.sum(axis=1)))
         ends = np.array(BONES)
         is_whole = is_known[:, ends].all(axis=-1)
-        strips = self._rr.LineStrips3D.from_fields(colors=color, radii=_BONE_RADIUS_MM, labels=hand, show_labels=True)
-        self._static(bones, strips)
+        self._static(bones, self._rr.LineStrips3D.from_fields(colors=color, radii=_BONE_RADIUS_MM))
         columns = self._rr.LineStrips3D.columns(strips=points[:, ends][is_whole])
         self._send(bones, frames, columns.partition(is_whole.sum(axis=1)))
+        forearm = points[:, WRIST] + (points[:, WRIST] - points[:, ROOT])  # there a letter hides no joint
+        is_told = np.isfinite(forearm).all(axis=-1)
+        letter = self._rr.Points3D.from_fields(radii=0.0, colors=color, labels=hand[0].upper(), show_labels=True)
+        self._static(side, letter)
+        columns = self._rr.Points3D.columns(positions=forearm[is_told])
+        self._send(side, frames, columns.partition(is_told.astype(int)))
 
     def plot(
         self, path: EntityPath, frames: Frames, values: Float[np.ndarray, " frame"], name: str, color: Color
@@ -143,12 +151,13 @@ class RerunFile:
         self._static([PLOTS, *path], self._rr.SeriesLines(names=name, colors=color))
         self._send([PLOTS, *path], frames[is_known], self._rr.Scalars.columns(scalars=values[is_known]))
 
-    def layout(self, cameras: Sequence[EntityPath], layers: Mapping[str, bool]) -> None:
+    def layout(self, cameras: Sequence[EntityPath], layers: Mapping[str, bool], look: "Look | None") -> None:
         """Say how the viewer shows it first: the world, curves, and a view of each camera with the joints over it.
 
         Args:
             cameras: Their entities.
             layers: Entities below the world that hold joints, and whether they are shown at first.
+            look: How one looks at the world first; None leaves it to the viewer.
         """
         import rerun.blueprint as bp
 
@@ -165,9 +174,12 @@ class RerunFile:
             for path in cameras
         ]
         plots = [bp.TimeSeriesView(origin=self._path([PLOTS, kind]), name=kind) for kind in self._plots]
-        world = bp.Spatial3DView(origin=WORLD, name="world, mm", overrides=hidden)
+        eye = None
+        if look is not None:
+            eye = bp.EyeControls3D(position=look.eye_world_mm, look_target=look.target_world_mm, eye_up=look.up_world)
+        world = bp.Spatial3DView(origin=WORLD, name="world, mm", overrides=hidden, eye_controls=eye)
         left = bp.Vertical(world, *plots, row_shares=[3] + [1] * len(plots))
-        panel = bp.TimePanel(timeline=FRAME, state="collapsed")
+        panel = bp.TimePanel(timeline=FRAME, state="collapsed", play_state="paused")
         shown = bp.Horizontal(left, bp.Grid(*views), column_shares=[1, 1]) if views else left
         self._stream.send_blueprint(bp.Blueprint(shown, panel, bp.SelectionPanel(state="collapsed")))
 
@@ -182,6 +194,32 @@ class RerunFile:
         if np.isfinite(self._rate_hz) and self._rate_hz > 0:
             lines.append(self._rr.TimeColumn(TIME, duration=frames / self._rate_hz))
         self._stream.send_columns(self._path(path), lines, columns, strict=True)
+
+
+@dataclass(frozen=True, eq=False)
+class Look:
+    """From where one looks at the world, at what, and which way is up."""
+
+    eye_world_mm: Float[np.ndarray, "3"]
+    target_world_mm: Float[np.ndarray, "3"]
+    up_world: Float[np.ndarray, "3"]
+
+
+def look_at_hands(points: Float[np.ndarray, "point 3"], cameras: Sequence[Camera], up: str) -> Look | None:
+    """Return a look at the hands from the side on which most cameras are; None without hands or cameras.
+
+    Args:
+        points: Joints in the world, mm; NaN where missing.
+        cameras: The fixed ones.
+        up: Of `up_axis`.
+    """
+    known = points[np.isfinite(points).all(axis=-1)]
+    if not len(known) or not cameras:
+        return None
+    target = np.median(known, axis=0)
+    side = np.mean([camera.center_world_mm for camera in cameras], axis=0) - target
+    eye = target + _EYE_DISTANCE_MM * side / max(float(np.linalg.norm(side)), 1.0)
+    return Look(eye, target, np.eye(3)["xyz".index(up[1])] * (1.0 if up[0] == "+" else -1.0))
 
 
 @contextmanager
@@ -204,6 +242,7 @@ def open_rerun_file(path: Path, name: str, rate_hz: float) -> Iterator[RerunFile
     stream = rr.RecordingStream(_APPLICATION, recording_id=name)
     try:
         stream.save(draft)
+        stream.send_recording_name(name)
         yield RerunFile(stream, rate_hz)
         stream.disconnect()  # writes the rest and the table of contents
         draft.rename(path)
@@ -233,8 +272,8 @@ def _ids(is_known: Any, hand: Hand) -> dict[str, Any]:
     return {"class_ids": np.full(len(joint), HANDS.index(hand)), "keypoint_ids": joint}
 
 
-def _finger(joint: int) -> Color:
-    return FINGER_COLORS[joint // 4]
+def _joint_color(joint: int) -> Color:
+    return _WRIST_COLOR if joint == WRIST else FINGER_COLORS[joint // 4]
 
 
 def _rerun() -> Any:
