@@ -1,10 +1,23 @@
+import itertools
+import re
 from pathlib import Path
 
 from pipeline.dag import build_dag
 from pipeline.describe import describe
 
-DOCUMENT = Path(__file__).resolve().parents[2] / "docs" / "tables.md"
+DOCS = Path(__file__).resolve().parents[2] / "docs"
 
 
 def test_the_document_is_what_runs() -> None:
-    assert DOCUMENT.read_text(encoding="utf-8") == describe(build_dag()), "the DAG or a table changed: run `make docs`"
+    assert (DOCS / "tables.md").read_text(encoding="utf-8") == describe(build_dag()), (
+        "the DAG or a table changed: run `make docs`"
+    )
+
+
+def test_the_picture_of_the_dag_is_true() -> None:
+    block = (DOCS / "architecture.md").read_text().split("## The DAG")[1].split("```")[1]
+    nodes = build_dag(is_ego_trained=True).nodes
+    arrows = [(chain.split(" → ")) for chain in re.findall(r"\w+(?: → \w+)+", block)]
+    pairs = {pair for chain in arrows for pair in itertools.pairwise(chain)}
+    assert len(pairs) > 40
+    assert {pair for pair in pairs if pair[0] not in nodes[pair[1]].upstream} == set()
