@@ -14,10 +14,10 @@ from pipeline.commands import execute
 from pipeline.config import CONF_FOLDER, UserError, check_config, unknown_key_message
 from pipeline.dag import build_dag
 from pipeline.describe import describe
-from pipeline.overrides import is_sweep, literal, stray_word
+from pipeline.overrides import is_sweep, literal, name_runs, stray_word
 
 _INTERRUPTED = 130  # as shells count it: 128 + SIGINT
-_COMMANDS = ("run", "plan", "preflight", "gc", "fsck", "view", "describe")
+_COMMANDS = ("run", "plan", "preflight", "gc", "fsck", "report", "compare", "view", "describe")
 _USAGE = """usage: python -m pipeline [COMMAND] [parameter=value ...]
 
 commands
@@ -32,6 +32,8 @@ commands
   train_ego  train SVEgoNet on a manifest's sequences of split train
   doctor     look a recording over before hours are spent on it
   preflight  say what of the AssemblyHands release is there: manifest=data_manifests/assemblyhands_v1_1.csv release=PATH
+  report     write the page of a finished run: run=NAME (default: the latest)
+  compare    compare A B: two runs of the same sequences, difference by difference, with paired intervals
   plan       say what would run, what is reused, and why; changes nothing
   gc         remove results that none of the newest runs refers to
   fsck       read all results again, and set aside what is damaged so that the next run makes it anew
@@ -96,6 +98,8 @@ def _split_command(arguments: list[str]) -> tuple[str, list[str]]:
     if not arguments or "=" in arguments[0] or arguments[0].startswith("-"):
         return "run", arguments
     first, rest = arguments[0], arguments[1:]
+    if first == "compare":
+        return first, name_runs(rest)
     if first in _COMMANDS:
         return first, rest
     targets = build_dag().targets

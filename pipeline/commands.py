@@ -16,6 +16,7 @@ from assemblyhands_core.data.digests import FileDigests
 from assemblyhands_core.data.members import judged_sequences
 from assemblyhands_core.data.store import Store
 from pipeline import summary
+from pipeline.comparison import compare_runs
 from pipeline.config import RunConfig, UserError
 from pipeline.ego_evaluation import print_egocentric
 from pipeline.evaluation import kinds_of_sequences, print_evaluation
@@ -31,7 +32,7 @@ from pipeline.preflight import preflight
 from pipeline.progress import Progress
 from pipeline.publishing import publish
 from pipeline.recordings import select_recordings, synthetic_sequences
-from pipeline.report import write_report
+from pipeline.report import report_again, write_report
 from pipeline.rerun_view import write_rerun_views
 from pipeline.runner import Runner, results
 from pipeline.takes import absent_takes, select_takes, studio_folder
@@ -42,11 +43,12 @@ from pipeline.work import SequenceWork, member_rows, possible_nodes, with_set
 
 _MAX_REPAIRS = 20  # each round finds what is damaged one node further
 _PLAIN_WIDTH = 140  # of lines that go to a file or a pipe
+_READING = {"fsck": fsck, "report": report_again, "compare": compare_runs}  # of what is there already
 
 
 def execute(command: str, config: RunConfig, command_line: str) -> int:
     """Carry out one command; return the exit code."""
-    console = Console() if sys.stdout.isatty() else Console(width=_PLAIN_WIDTH)
+    console = terminal()
     config = config.model_copy(update={"workspace": config.workspace.absolute()})
     if command == "plan":
         return _plan(config, console)
@@ -54,9 +56,9 @@ def execute(command: str, config: RunConfig, command_line: str) -> int:
         return preflight(config, console)
     if command == "gc":
         return _collect_garbage(config, console)
-    if command == "fsck":
+    if command in _READING:
         with _lock(config.workspace, exclusive=False):
-            return fsck(config, console)
+            return _READING[command](config, console)
     if command == "view":
         return write_rerun_views(config, console)
     if (before := _recording_first(config)) is not None:
@@ -64,6 +66,11 @@ def execute(command: str, config: RunConfig, command_line: str) -> int:
         if code := _run(before, console, command_line):
             return code
     return _run(config, console, command_line)
+
+
+def terminal() -> Console:
+    """Return what to print on: tables keep their width in files and pipes."""
+    return Console() if sys.stdout.isatty() else Console(width=_PLAIN_WIDTH)
 
 
 def _recording_first(config: RunConfig) -> RunConfig | None:
@@ -92,10 +99,10 @@ def _run(config: RunConfig, console: Console, command_line: str) -> int:
             root = studio_folder(config.workspace)
             for name in publish(config, found, root):
                 _say(console, f"recorded: {name} in {root}")
+    summary.print_unmade(console, config, found)
     summary.print_audit(console, folder)
     summary.print_left_out(console, folder)
     summary.print_quality(console, folder)
-    summary.print_unmade(console, config, found)
     summary.print_rounds(console, folder, synthetic_sequences(config))
     summary.print_weights(console, folder)
     kinds = kinds_of_sequences(config)

@@ -75,6 +75,8 @@ class RunConfig(_Model):
     hands2023_template: Path | None = None
     workspace: Path
     run: str
+    other: str = ""
+    ego_network: Literal["shipped", "trained"] = "shipped"
     rounds: int = Field(ge=0, le=9)
     rig: RigConfig
     executor: ExecutorConfig
@@ -87,7 +89,6 @@ class RunConfig(_Model):
     @property
     def dag(self) -> Dag:
         """Return the DAG that runs."""
-    ego_network: Literal["shipped", "trained"] = "shipped"
         return self._dag
 
     @property

@@ -136,6 +136,7 @@ def _grid(title: str, columns: Mapping[str, str], rows: Rows) -> Grid:
     cells = [
         [method, *(_figure(metrics[name]) for name in columns), str(metrics[next(iter(columns))]["n"])]
         for method, metrics in by_method.items()
+        if columns.keys() <= metrics.keys()
     ]
     return Grid(f"{title} (95 % intervals)", ["method", *columns.values(), "n"], cells)
 

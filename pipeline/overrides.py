@@ -1,5 +1,6 @@
 """What the user typed, as Hydra's grammar wants it: paths and names need no quotes of Hydra's own."""
 
+import itertools
 import re
 from collections.abc import Sequence
 
@@ -32,6 +33,14 @@ def stray_word(arguments: Sequence[str]) -> str | None:
     if _FLAGS_WITH_VALUE & set(arguments):
         return None
     return next((a for a in arguments if "=" not in a and not a.startswith(("-", "~"))), None)
+
+
+def name_runs(arguments: Sequence[str]) -> list[str]:
+    """Return the arguments with two leading words, ``A B``, as the runs that they name: ``run=A other=B``."""
+    words = list(itertools.takewhile(lambda argument: "=" not in argument and not argument.startswith("-"), arguments))
+    if len(words) != 2:
+        return list(arguments)
+    return [f"run={words[0]}", f"other={words[1]}", *arguments[2:]]
 
 
 def _literal(argument: str, may_sweep: bool) -> str:

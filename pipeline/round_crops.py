@@ -16,6 +16,8 @@ from assemblyhands_core.data.rounds import WindowRule, joints_or_nan, known_hand
 from assemblyhands_core.viz.round_sheet import HandCourse, HandRound, choose_hands, follow_hand
 
 MAX_HANDS: Final = 4
+HAND_KEY: Final = ("sequence_id", "frame", "hand")
+"""The columns that a hand at an instant is known by."""
 
 
 class _Place(NamedTuple):
@@ -36,7 +38,7 @@ def read_courses(run: Path, rule: WindowRule, max_hands: int = MAX_HANDS) -> lis
     Returns:
         Nothing where there are no two rounds, or no crops.
     """
-    rounds = sorted(run.glob("round_*"), key=lambda node: int(node.name.removeprefix("round_")))
+    rounds = round_nodes(run)
     if len(rounds) < 2:
         return []
     places: list[_Place] = []
@@ -48,6 +50,31 @@ def read_courses(run: Path, rule: WindowRule, max_hands: int = MAX_HANDS) -> lis
     chosen = choose_hands([place.key for place in places], np.concatenate([np.empty(0), *moved_mm]), max_hands)
     courses = (_course(run, rounds, places[index], rule) for index in chosen)
     return [course for course in courses if course is not None]
+
+
+def follow_hands(run: Path, rule: WindowRule, keys: Sequence[HandKey]) -> list[HandCourse]:
+    """Return what the rounds made of these hands, in their order; those without crop or a round are left out.
+
+    Args:
+        run: Folder of a run.
+        rule: How its rounds chose their windows.
+        keys: Which hands.
+    """
+    rounds = round_nodes(run)
+    if not rounds:
+        return []
+    wanted = set(keys)
+    places: dict[HandKey, _Place] = {}
+    for file in _whole_shards(run, rounds):
+        found = wanted.intersection(_keys(_read(rounds[-1] / "joints" / file, list(HAND_KEY))))
+        places |= {key: _Place(file, key) for key in found}
+    courses = (_course(run, rounds, places[key], rule) for key in keys if key in places)
+    return [course for course in courses if course is not None]
+
+
+def round_nodes(run: Path) -> list[Path]:
+    """Return the folders of a run's rounds, from round 0 on."""
+    return sorted(run.glob("round_*"), key=lambda node: int(node.name.removeprefix("round_")))
 
 
 def _whole_shards(run: Path, rounds: Sequence[Path]) -> list[str]:
@@ -79,9 +106,9 @@ def _of_hand(path: Path, key: HandKey) -> pa.Table:
     return pq.read_table(path.resolve(), filters=is_hand).replace_schema_metadata(None)
 
 
-def _read(path: Path) -> pa.Table:
-    return pq.read_table(path.resolve()).replace_schema_metadata(None)
+def _read(path: Path, columns: list[str] | None = None) -> pa.Table:
+    return pq.read_table(path.resolve(), columns=columns).replace_schema_metadata(None)
 
 
 def _keys(joints: pa.Table) -> list[HandKey]:
-    return list(zip(*(joints[name].to_pylist() for name in ("sequence_id", "frame", "hand")), strict=True))
+    return list(zip(*(joints[name].to_pylist() for name in HAND_KEY), strict=True))

@@ -8,8 +8,18 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from assemblyhands_core.data.camera_rows import camera_to_row
-from assemblyhands_core.data.catalog import CROPS, ERRORS, EVALUATION, HAND_BOXES, JOINTS, RECTIFIED_VIEWS, ROUNDS
+from assemblyhands_core.data.camera_rows import camera_to_row, missing_camera_row
+from assemblyhands_core.data.catalog import (
+    CROPS,
+    ERRORS,
+    EVALUATION,
+    HAND_BOXES,
+    JOINTS,
+    KEYPOINTS,
+    RECTIFIED_VIEWS,
+    ROUNDS,
+    VIEWS,
+)
 from assemblyhands_core.data.crop_images import encode_jpeg
 from assemblyhands_core.data.tables import TableSpec, write_parquet
 from assemblyhands_core.geometry.cameras import Camera
@@ -55,6 +65,22 @@ def write_rounds(run: Path, sequence_id: str, chunk: int, x_mm: Sequence[Sequenc
     write_table(run / "crop_hands" / "crops" / file, CROPS, CROPS.from_rows([hand | _crop() for hand in hands]))
     views = RECTIFIED_VIEWS.from_rows([{"sequence_id": sequence_id} | _rectified()])
     write_table(run / "undistort" / "rectified_views" / f"{sequence_id}.parquet", RECTIFIED_VIEWS, views)
+
+
+def write_keypoints(run: Path, sequence_id: str, chunk: int, num_frames: int) -> None:
+    """Write the 2D keypoints of one chunk, as of joints of `write_rounds` at x = 0; a second view is dark."""
+    names = [{"sequence_id": sequence_id, "frame": 10 * chunk + index, "hand": "right"} for index in range(num_frames)]
+    corners = 20.0 * np.array([[-1.0, -1], [1, -1], [1, 1], [-1, 1]])[np.arange(21) % 4] + (319.5, 239.5)
+    seen = {"keypoints_px": corners.ravel(), "confidence": [1.0] * 21, "source": "", "valid": True, "reason": ""}
+    keypoints = KEYPOINTS.from_rows([name | {"camera_id": CAMERA.camera_id} | seen for name in names])
+    write_table(run / "detect_keypoints" / "keypoints" / f"{sequence_id}.{chunk:05}.parquet", KEYPOINTS, keypoints)
+    view = {"video_file": "", "video_sha256": "", "num_frames": 99, "rate_hz": 30.0, "image_fit": "", "note": ""}
+    rows = [
+        {"camera_id": CAMERA.camera_id, **view, **camera_to_row(CAMERA), "valid": True, "reason": ""},
+        {"camera_id": "<b>dark</b>", **view, **missing_camera_row(), "valid": False, "reason": "missing_video"},
+    ]
+    views = VIEWS.from_rows([{"sequence_id": sequence_id} | row for row in rows])
+    write_table(run / "ingest" / "views" / f"{sequence_id}.parquet", VIEWS, views)
 
 
 def write_table(path: Path, spec: TableSpec, table: pa.Table) -> None:

@@ -54,7 +54,16 @@ class Cell(NamedTuple):
     coverage: float
 
 
-class _Group(NamedTuple):
+class Group(NamedTuple):
+    """Rows and joints that have figures of their own: a finger, a hand, a verb.
+
+    Attributes:
+        table: Of which it is a part.
+        name: Its own; empty for all rows and joints.
+        is_member: Which rows belong to it.
+        joints: Which joints do.
+    """
+
     table: str
     name: str
     is_member: Bool[np.ndarray, " row"]
@@ -80,7 +89,7 @@ def evaluate_annotation(errors: pa.Table, occlusion_bounds: tuple[float, float],
     """
     cells: list[Cell] = []
     for method, rows in align_methods(errors, resampling.block_frames).items():
-        cells += _cells(method, rows, _groups(rows, occlusion_bounds), resampling)
+        cells += _cells(method, rows, groups_of(rows, occlusion_bounds), resampling)
     return cells
 
 
@@ -116,7 +125,38 @@ def masked(amount: Float[np.ndarray, "row joint"], counts: Bool[np.ndarray, "row
 
 def sums_over_all(quantity: Quantity, rows: ErrorRows) -> BlockSums:
     """Return a quantity's sums over the blocks of all rows and joints."""
-    return _sums(quantity, rows, _everything(rows))
+    return sums_over(quantity, rows, _everything(rows))
+
+
+def sums_over(quantity: Quantity, rows: ErrorRows, group: Group) -> BlockSums:
+    """Return a quantity's sums over the blocks of a group's rows and joints."""
+    joints = list(group.joints)
+    of_group = (values[group.is_member][:, joints] for values in (quantity.amount, quantity.counts))
+    total, count = (values.sum(axis=1, keepdims=True, dtype=np.float64) for values in of_group)
+    return block_sums(total, count, rows.block[group.is_member], rows.num_blocks)
+
+
+def groups_of(rows: ErrorRows, occlusion_bounds: tuple[float, float]) -> Iterator[Group]:
+    """Yield the groups that figures are given of, all rows and joints first."""
+    yield (everything := _everything(rows))
+    everywhere = everything.is_member
+    for joint, name in enumerate(JOINT_NAMES):
+        yield Group(f"{TABLE}_by_joint", name, everywhere, (joint,))
+    for finger, name in enumerate(FINGERS):
+        yield Group(f"{TABLE}_by_finger", name, everywhere, tuple(range(4 * finger, 4 * finger + 4)))
+    yield Group(f"{TABLE}_by_finger", JOINT_NAMES[WRIST], everywhere, (WRIST,))
+    for hand in HANDS:
+        yield Group(f"{TABLE}_by_hand", hand, rows.hand == hand, _EVERY_JOINT)
+    for verb in np.unique(rows.verb.astype(str)):
+        yield Group(f"{TABLE}_by_verb", str(verb) or "(between actions)", rows.verb == verb, _EVERY_JOINT)
+    low, high = occlusion_bounds
+    rate = rows.occlusion_rate
+    for name, is_member in (
+        (f"low (< {low:g})", rate < low),
+        (f"middle ({low:g} to {high:g})", (rate >= low) & (rate < high)),
+        (f"high (>= {high:g})", rate >= high),
+    ):
+        yield Group(f"{TABLE}_by_occlusion", name, is_member, _EVERY_JOINT)
 
 
 def make_cell(names: tuple[str, str, str, str], interval: Interval, sums: BlockSums, coverage: float) -> Cell:
@@ -125,45 +165,16 @@ def make_cell(names: tuple[str, str, str, str], interval: Interval, sums: BlockS
     return Cell(*names, value, low, high, int(sums.count.sum()), coverage)
 
 
-def _cells(method: str, rows: ErrorRows, groups: Iterable[_Group], resampling: Resampling) -> Iterator[Cell]:
+def _cells(method: str, rows: ErrorRows, groups: Iterable[Group], resampling: Resampling) -> Iterator[Cell]:
     weights = draw_weights(rows.num_blocks, resampling.num_resamples, resampling.seed)
     quantities = method_quantities(rows)
     for group in groups:
-        sums = {metric: _sums(quantity, rows, group) for metric, quantity in quantities.items()}
+        sums = {metric: sums_over(quantity, rows, group) for metric, quantity in quantities.items()}
         coverage = float(sums["coverage"].mean()[0])
         for metric, of_metric in sums.items():
             interval = mean_interval(of_metric, weights, resampling.level)
             yield make_cell((group.table, group.name, method, metric), interval, of_metric, coverage)
 
 
-def _sums(quantity: Quantity, rows: ErrorRows, group: _Group) -> BlockSums:
-    joints = list(group.joints)
-    of_group = (values[group.is_member][:, joints] for values in (quantity.amount, quantity.counts))
-    total, count = (values.sum(axis=1, keepdims=True, dtype=np.float64) for values in of_group)
-    return block_sums(total, count, rows.block[group.is_member], rows.num_blocks)
-
-
-def _everything(rows: ErrorRows) -> _Group:
-    return _Group(TABLE, "", np.ones(len(rows.frame), dtype=bool), _EVERY_JOINT)
-
-
-def _groups(rows: ErrorRows, occlusion_bounds: tuple[float, float]) -> Iterator[_Group]:
-    yield (everything := _everything(rows))
-    everywhere = everything.is_member
-    for joint, name in enumerate(JOINT_NAMES):
-        yield _Group(f"{TABLE}_by_joint", name, everywhere, (joint,))
-    for finger, name in enumerate(FINGERS):
-        yield _Group(f"{TABLE}_by_finger", name, everywhere, tuple(range(4 * finger, 4 * finger + 4)))
-    yield _Group(f"{TABLE}_by_finger", JOINT_NAMES[WRIST], everywhere, (WRIST,))
-    for hand in HANDS:
-        yield _Group(f"{TABLE}_by_hand", hand, rows.hand == hand, _EVERY_JOINT)
-    for verb in np.unique(rows.verb.astype(str)):
-        yield _Group(f"{TABLE}_by_verb", str(verb) or "(between actions)", rows.verb == verb, _EVERY_JOINT)
-    low, high = occlusion_bounds
-    rate = rows.occlusion_rate
-    for name, is_member in (
-        (f"low (< {low:g})", rate < low),
-        (f"middle ({low:g} to {high:g})", (rate >= low) & (rate < high)),
-        (f"high (>= {high:g})", rate >= high),
-    ):
-        yield _Group(f"{TABLE}_by_occlusion", name, is_member, _EVERY_JOINT)
+def _everything(rows: ErrorRows) -> Group:
+    return Group(TABLE, "", np.ones(len(rows.frame), dtype=bool), _EVERY_JOINT)

@@ -2,6 +2,7 @@
 
 import itertools
 from collections.abc import Iterator
+from typing import NamedTuple
 
 import pyarrow as pa
 
@@ -9,9 +10,11 @@ from assemblyhands_core.metrics.annotation import (
     TABLE,
     Cell,
     Resampling,
+    groups_of,
     make_cell,
     masked,
     method_quantities,
+    sums_over,
     sums_over_all,
 )
 from assemblyhands_core.metrics.bootstrap import Weights, difference_interval, draw_weights, ratio_interval
@@ -34,6 +37,41 @@ def compare_methods(errors: pa.Table, resampling: Resampling) -> list[Cell]:
         weights = draw_weights(methods[after].num_blocks, resampling.num_resamples, resampling.seed)
         cells += _pair(f"{after} against {before}", methods[after], methods[before], weights, resampling.level)
     return cells
+
+
+class Difference(NamedTuple):
+    """A figure in two runs, and by how much the first is above the second, with a paired interval."""
+
+    table: str
+    group: str
+    metric: str
+    first: float
+    second: float
+    value: float
+    low: float
+    high: float
+    n: int
+
+
+def differences(
+    first: ErrorRows, second: ErrorRows, occlusion_bounds: tuple[float, float], resampling: Resampling
+) -> Iterator[Difference]:
+    """Yield every figure of a method in two runs beside one another.
+
+    Args:
+        first, second: The method's errors in each run, on the same hands and instants.
+        occlusion_bounds: As for `evaluate_annotation`.
+        resampling: How intervals are drawn.
+    """
+    weights = draw_weights(first.num_blocks, resampling.num_resamples, resampling.seed)
+    quantities = [method_quantities(rows) for rows in (first, second)]
+    for group in groups_of(first, occlusion_bounds):
+        for metric in quantities[0]:
+            one, other = (sums_over(of_run[metric], first, group) for of_run in quantities)
+            found = difference_interval(one, other, weights, resampling.level)
+            means = float(one.mean()[0]), float(other.mean()[0])
+            value, low, high = (float(values[0]) for values in (found.value, found.low, found.high))
+            yield Difference(group.table, group.name, metric, *means, value, low, high, int(one.count.sum()))
 
 
 def _pair(row: str, after: ErrorRows, before: ErrorRows, weights: Weights, level: float) -> Iterator[Cell]:

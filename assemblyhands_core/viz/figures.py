@@ -31,6 +31,7 @@ _STYLES: Final = {
 }
 _OTHER_COLORS: Final = ("#CC79A7", "#56B4E9", "#999999", "#B8A800")
 _DASHES: Final = ("--", "-.", ":")
+_MARKERS: Final = "osD^vPX"  # colours alone would not do for those who do not see them, nor on paper
 _GROUP_COLORS: Final = {
     **{finger: "#{:02X}{:02X}{:02X}".format(*color) for finger, color in zip(FINGERS, FINGER_COLORS, strict=True)},
     JOINT_NAMES[WRIST]: "#777777",
@@ -81,6 +82,11 @@ class RoundError:
     num_joints: int
 
 
+def method_label(method: str) -> str:
+    """Return what readers call a method."""
+    return _LABELS.get(method, method)
+
+
 def pck_figure(curves: Sequence[PckCurve], recordings: str) -> "Figure":
     """Return the PCK curves of methods, with the area under each in the legend (paper, supplement C).
 
@@ -95,9 +101,11 @@ def pck_figure(curves: Sequence[PckCurve], recordings: str) -> "Figure":
         raise ValueError("A figure of PCK curves needs at least one method; evaluate one.")
     figure, (axes,) = _figure(1, (7.0, 5.0))
     colors = _colors([curve.method for curve in curves])
-    for curve, (color, dashes) in zip(curves, colors, strict=True):
-        label = f"{_label(curve.method)}: AUC {curve.auc_percent:.1f} %, {curve.coverage_percent:.1f} % found"
-        axes.plot(curve.thresholds_mm, curve.correct_percent, color=color, linestyle=dashes, linewidth=2, label=label)
+    for number, (curve, (color, dashes)) in enumerate(zip(curves, colors, strict=True)):
+        label = f"{method_label(curve.method)}: AUC {curve.auc_percent:.1f} %, {curve.coverage_percent:.1f} % found"
+        (line,) = axes.plot(curve.thresholds_mm, curve.correct_percent, color=color, linestyle=dashes, linewidth=2)
+        marker, every = _MARKERS[number % len(_MARKERS)], max(1, len(curve.thresholds_mm) // 10)
+        line.set(label=label, marker=marker, markersize=6, markevery=(number % every, every))
     axes.set(xlim=(0, curves[0].thresholds_mm[-1]), ylim=(0, 100))
     axes.set(xlabel="distance to the truth (mm)", ylabel="joints within that distance (%)")
     axes.set_title(f"PCK on {recordings}\n{curves[0].num_joints:,} joints, missing ones count as wrong")
@@ -126,7 +134,8 @@ def round_figure(errors: Sequence[RoundError], recordings: str, bound: RoundErro
     for number, name in enumerate(groups):
         of_group = [error for error in errors if error.group == name]
         shift = _SIDESTEP * (number - (len(groups) - 1) / 2)
-        _draw_course(panels[1], of_group, methods, name, _GROUP_COLORS[name], shift)
+        marker = _MARKERS[number % len(_MARKERS)]
+        _draw_course(panels[1], of_group, methods, (name, _GROUP_COLORS[name], marker), shift)
     if groups:
         panels[1].legend(loc="lower left", ncols=3)
     _label_rounds(panels, everything, methods)
@@ -158,7 +167,7 @@ def _figure(num_panels: int, size_inches: tuple[float, float]) -> "tuple[Figure,
 def _draw_all_joints(
     axes: "Axes", errors: Sequence[RoundError], methods: Sequence[str], bound: RoundError | None
 ) -> None:
-    _draw_course(axes, errors, methods, "all joints", "#000000", 0.0)
+    _draw_course(axes, errors, methods, ("all joints", "#000000", "o"), 0.0)
     for place, error in enumerate(errors):
         if np.isfinite(error.mpjpe_mm):
             axes.annotate(f"{error.mpjpe_mm:.2f}", (place, error.mpjpe_mm), (9, 7), textcoords="offset points")
@@ -170,18 +179,19 @@ def _draw_all_joints(
 
 
 def _draw_course(
-    axes: "Axes", errors: Sequence[RoundError], methods: Sequence[str], label: str, color: str, shift: float
+    axes: "Axes", errors: Sequence[RoundError], methods: Sequence[str], style: tuple[str, str, str], shift: float
 ) -> None:
-    """Draw one group's errors over the methods, with intervals where they are known."""
+    """Draw one group's errors over the methods, with intervals where they are known; style: label, colour, marker."""
+    label, color, marker = style
     x = [methods.index(error.method) + shift for error in errors]
     value, low, high = np.array([(error.mpjpe_mm, error.low_mm, error.high_mm) for error in errors]).T
-    axes.plot(x, value, color=color, marker="o", markersize=5, linewidth=1.5, label=label)
+    axes.plot(x, value, color=color, marker=marker, markersize=5, linewidth=1.5, label=label)
     # Around its own middle: an interval of percentiles need not hold the value.
     axes.errorbar(x, (low + high) / 2, yerr=(high - low) / 2, fmt="none", ecolor=color, elinewidth=1.5, capsize=3)
 
 
 def _label_rounds(panels: "Sequence[Axes]", everything: Sequence[RoundError], methods: Sequence[str]) -> None:
-    names = [_label(method).replace(" + ", " +\n") for method in methods]
+    names = [method_label(method).replace(" + ", " +\n") for method in methods]
     found = [_found(error).replace(", ", "\n") for error in everything]
     panels[0].set_xticks(range(len(methods)), [f"{name}\n{of}" for name, of in zip(names, found, strict=True)])
     panels[1].set_xticks(range(len(methods)), names)
@@ -193,10 +203,6 @@ def _label_rounds(panels: "Sequence[Axes]", everything: Sequence[RoundError], me
 
 def _found(error: RoundError) -> str:
     return f"{error.coverage_percent:.1f} % found, n = {error.num_joints:,}"
-
-
-def _label(method: str) -> str:
-    return _LABELS.get(method, method)
 
 
 def _colors(methods: Sequence[str]) -> list[tuple[str, str]]:

@@ -121,21 +121,22 @@ def draw_sheet(courses: Sequence[HandCourse], recordings: str, tile_px: int = TI
     Raises:
         ValueError: There are no rows.
     """
-    rows = [_draw_row(course, tile_px) for course in courses]
+    rows = [draw_strip(course, tile_px) for course in courses]
     return contact_sheet(rows, 1, [_title(course, recordings) for course in courses])
 
 
-def save_sheet(sheet: Image, path: Path) -> None:
-    """Write a sheet as PNG."""
-    path.write_bytes(cv2.imencode(".png", cv2.cvtColor(sheet, cv2.COLOR_RGB2BGR))[1].tobytes())
-
-
-def _draw_row(course: HandCourse, tile_px: int) -> Image:
+def draw_strip(course: HandCourse, tile_px: int = TILE_PX) -> Image:
+    """Draw one row: the stored crop, then what each round made of it."""
     width, height = course.view.size_px
     whole = window_map(np.array([width - 1, height - 1]) / 2, _MARGIN * max(width, height), tile_px)
     plain = cut(course.view, whole, tile_px)
     tiles = [plain.image, *(_draw_look(plain, look, course) for look in course.looks)]
     return contact_sheet(tiles, len(tiles), ["stored crop", *(look.caption for look in course.looks)])
+
+
+def save_sheet(sheet: Image, path: Path) -> None:
+    """Write a sheet as PNG."""
+    path.write_bytes(cv2.imencode(".png", cv2.cvtColor(sheet, cv2.COLOR_RGB2BGR))[1].tobytes())
 
 
 def _draw_look(plain: Cut, look: Look, course: HandCourse) -> Image:

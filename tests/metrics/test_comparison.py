@@ -4,7 +4,7 @@ import pytest
 from error_tables import errors_table
 
 from assemblyhands_core.metrics.annotation import Cell, Resampling
-from assemblyhands_core.metrics.comparison import compare_methods
+from assemblyhands_core.metrics.comparison import compare_methods, differences
 from assemblyhands_core.metrics.error_rows import align_methods
 
 RESAMPLING = Resampling(block_frames=3, num_resamples=400, seed=0)
@@ -53,3 +53,15 @@ def test_methods_on_different_instants_are_refused() -> None:
     tables = [errors_table({"R1": np.ones((4, 2))}), errors_table({"R2": np.ones((5, 2))})]
     with pytest.raises(ValueError, match="method R2 has errors at 10 hands, R1 at 8"):
         compare_methods(pa.concat_tables(tables), RESAMPLING)
+
+
+def test_every_figure_of_two_runs_differs_by_what_was_put_in() -> None:
+    hard = np.random.default_rng(0).gamma(2, 2, (60, 2))
+    rows = align_methods(errors_table({"R1": hard + 1.0, "R2": hard}, verbs=("screw", "remove")), 3)
+    found = {(d.table, d.group, d.metric): d for d in differences(rows["R1"], rows["R2"], (0.4, 0.6), RESAMPLING)}
+    for table, group in (("annotation", ""), ("annotation_by_finger", "index"), ("annotation_by_verb", "screw")):
+        difference = found[table, group, "mpjpe_mm"]
+        assert [difference.value, difference.low, difference.high] == pytest.approx([1.0] * 3, abs=1e-5)
+        assert difference.first == pytest.approx(difference.second + 1, abs=1e-5)
+    assert found["annotation", "", "pck_auc"].high < 0 and found["annotation", "", "coverage"].value == 0
+    assert found["annotation_by_joint", "wrist", "mpjpe_mm"].n == 120

@@ -19,14 +19,15 @@ from pipeline.evaluation import POOLED
 from pipeline.report import write_report
 from stages.evaluate import UPPER_BOUND
 
-FILES = ["metrics.csv", "pck_curves.png", "error_by_round.png", "crops_by_round.png"]
+FILES = ["metrics.csv", "pck_curves.png", "error_by_round.png", "crops_by_round.png", "report.html"]
 
 
 def _report(run: Path, target: str = "evaluate", kinds: dict[str, str] | None = None) -> str:
     """Return what is said when a run's report is written."""
     text = io.StringIO()
     annotating = SimpleNamespace(window_rule=lambda: WindowRule(gamma=1.5, min_joints=11, min_inside=0.5))
-    config = SimpleNamespace(target=target, stages={"evaluate": CONFIG, "annotate_round": annotating})
+    stages = {"evaluate": CONFIG, "annotate_round": annotating}
+    config = SimpleNamespace(target=target, stages=stages, rig=SimpleNamespace(calibration="rig.json"))
     write_report(Console(file=text, width=40), cast(RunConfig, config), run, kinds or {})
     return text.getvalue()
 
@@ -135,18 +136,18 @@ def test_crops_are_those_of_the_runs_rounds(reported: Reported) -> None:
 def test_what_cannot_be_made_is_left_out_with_a_sentence(tmp_path: Path) -> None:
     write_evaluation(tmp_path, "monday", _errors("monday", baseline=8.0))
     said = _report(tmp_path).splitlines()
-    assert said[2:] == [
+    assert said[2:-1] == [
         "report: without error_by_round.png: there are no two rounds to compare",
         "report: without crops_by_round.png: there is no hand with a stored crop that two rounds found",
     ]
-    assert {path.name for path in (tmp_path / "report").iterdir()} == {"metrics.csv", "pck_curves.png"}
+    assert {path.name for path in (tmp_path / "report").iterdir()} == {"metrics.csv", "pck_curves.png", "report.html"}
     assert POOLED in (tmp_path / "report" / "metrics.csv").read_text()
 
 
 def test_where_nothing_was_evaluated_there_is_no_file(tmp_path: Path) -> None:
     said = _report(tmp_path)
     assert said.count("report: without") == 4 and "metrics.csv: nothing was evaluated" in said
-    assert list((tmp_path / "report").iterdir()) == []
+    assert [path.name for path in (tmp_path / "report").iterdir()] == ["report.html"], "it says so"
 
 
 def test_sequences_that_have_no_method_in_common_are_not_pooled(tmp_path: Path) -> None:

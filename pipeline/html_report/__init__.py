@@ -1,0 +1,1 @@
+"""Pages that say what a run found and how: one HTML file each, which needs no network."""

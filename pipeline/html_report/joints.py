@@ -1,0 +1,67 @@
+"""Errors by joint, drawn on a hand, and by finger, hand, verb and occlusion."""
+
+from collections.abc import Iterator, Sequence
+from typing import Final
+
+import numpy as np
+from markupsafe import Markup
+
+from assemblyhands_core.hands.joints import JOINT_NAMES
+from assemblyhands_core.metrics.annotation import TABLE, Cell
+from assemblyhands_core.viz.figures import method_label
+from assemblyhands_core.viz.hand_diagram import hand_diagram
+from pipeline.evaluation import Pool
+from pipeline.finished import FinishedRun
+from pipeline.grids import Grid
+from pipeline.html_report.annotation import UNJUDGED
+from pipeline.html_report.page import Block, Drawings, Fold, Section, Table, Text
+
+_GROUPS: Final = ("finger", "hand", "verb", "occlusion")
+
+
+def joints(run: FinishedRun) -> Section:
+    """Return each joint's error drawn on a hand, and tables by joint and other groups."""
+    blocks = [block for pool in run.measured.pools for block in _of_pool(run, pool)]
+    return Section("Error by joint", blocks or [Text(UNJUDGED)])
+
+
+def _of_pool(run: FinishedRun, pool: Pool) -> Iterator[Block]:
+    cells = [cell for cell in run.measured.cells[pool.name] if cell.metric == "mpjpe_mm"]
+    by_joint = {name: _by_joint(cells, name) for name in run.measured.rounds}
+    shown = {name: values for name, values in by_joint.items() if np.isfinite(values).any()}
+    if not shown:
+        return
+    yield from _drawings(pool, {name: shown[name] for name in (next(iter(shown)), next(reversed(shown)))})
+    grids = [_by_group(cells, "joint"), *(_by_group(cells, name) for name in _GROUPS)]
+    tables = [Table(grid, shaded=range(1, len(grid.columns) - 2)) for grid in grids if grid.rows]
+    yield Fold(f"Tables by joint, {', '.join(_GROUPS[:-1])} and {_GROUPS[-1]}: {pool.name}", tables)
+
+
+def _drawings(pool: Pool, shown: dict[str, np.ndarray]) -> Iterator[Block]:
+    low = min(float(np.nanmin(values)) for values in shown.values())
+    high = max(float(np.nanmax(values)) for values in shown.values())
+    drawings = []
+    for name, values in shown.items():
+        caption = f"{method_label(name)}, {pool.name}: mean error of each joint in mm, both hands"
+        drawings.append((Markup(hand_diagram(values, (low, high), caption)), caption))
+    yield Drawings(drawings)
+    yield Text(f"The palest disc is {low:.2f} mm, the darkest {high:.2f} mm; missing joints do not enter.")
+
+
+def _by_joint(cells: Sequence[Cell], method: str) -> np.ndarray:
+    found = {cell.group: cell.value for cell in cells if cell.table == f"{TABLE}_by_joint" and cell.row == method}
+    return np.array([found.get(name, np.nan) for name in JOINT_NAMES])
+
+
+def _by_group(cells: Sequence[Cell], kind: str) -> Grid:
+    """Return MPJPE by group and method; beside it the least coverage and number of joints of any method."""
+    found = {(cell.group, cell.row): cell for cell in cells if cell.table == f"{TABLE}_by_{kind}"}
+    groups, methods = (list(dict.fromkeys(key[place] for key in found)) for place in (0, 1))
+    rows = []
+    for group in groups:
+        of_group = [found[group, method] for method in methods if (group, method) in found]
+        figures = ["–" if cell.value != cell.value else f"{cell.value:.2f}" for cell in of_group]
+        coverage, n = min(cell.coverage for cell in of_group), min(cell.n for cell in of_group)
+        rows.append([group, *figures, "–" if coverage != coverage else f"{coverage:.1f}", str(n)])
+    columns = [kind, *(f"{method_label(name)} (mm)" for name in methods), "found, least (%)", "n, least"]
+    return Grid(f"MPJPE by {kind}", columns, [row for row in rows if len(row) == len(columns)])

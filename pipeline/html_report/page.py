@@ -1,0 +1,189 @@
+"""What a page is made of, and how it becomes one HTML file.
+
+Nothing in it is fetched: style, script and pictures are inside, and its policy forbids everything else. Whatever comes
+from data (names, reasons, notes) is escaped by the template.
+"""
+
+import base64
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cache, cached_property
+from pathlib import Path
+from typing import ClassVar, Final
+
+import jinja2
+from markupsafe import Markup
+
+from pipeline.grids import Grid, leading_number
+
+MAX_PICTURE_BYTES: Final = 4_000_000
+"""Of all pictures of a page together, as they stand in it."""
+MAX_ROWS: Final = 1000
+"""Of a table."""
+_TEMPLATES: Final = Path(__file__).parent / "templates"
+
+
+@dataclass(frozen=True)
+class Text:
+    """A paragraph; what stands between backticks is code."""
+
+    kind: ClassVar[str] = "text"
+    text: str
+    is_warning: bool = False
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table whose columns can be sorted.
+
+    Attributes:
+        grid: Its cells.
+        shaded: Columns whose numbers are underlaid the darker the larger they are; the first column is 0.
+        note: Stands below it.
+    """
+
+    kind: ClassVar[str] = "table"
+    grid: Grid
+    shaded: range = range(0)
+    note: str = ""
+
+    @property
+    def rows(self) -> Sequence[Sequence[str]]:
+        """Return the rows that are shown."""
+        return self.grid.rows[:MAX_ROWS]
+
+    @property
+    def num_left_out(self) -> int:
+        """Return how many rows are not."""
+        return max(0, len(self.grid.rows) - MAX_ROWS)
+
+    @cached_property
+    def numeric(self) -> frozenset[int]:
+        """Return the columns that hold numbers."""
+        cells = ((column, cell) for row in self.rows for column, cell in enumerate(row) if column)
+        return frozenset(column for column, cell in cells if leading_number(cell) is not None)
+
+    def share(self, column: int, cell: str) -> float | None:
+        """Return a number's share of the largest one, in columns that are shaded."""
+        number = leading_number(cell) if column in self.shaded else None
+        return None if number is None or self._largest <= 0 else max(0.0, number / self._largest)
+
+    @cached_property
+    def _largest(self) -> float:
+        numbers = (leading_number(row[column]) for row in self.rows for column in self.shaded)
+        return max((number for number in numbers if number is not None), default=0.0)
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A picture that stands in the page as a data URI.
+
+    Attributes:
+        uri: The picture.
+        alt: What it shows, in words.
+        caption: Stands below it.
+        width_px: How wide it stands in the page; its own width by default.
+    """
+
+    kind: ClassVar[str] = "picture"
+    uri: str
+    alt: str
+    caption: str = ""
+    width_px: int | None = None
+
+
+@dataclass(frozen=True)
+class Drawings:
+    """Drawings side by side: SVG elements, which have to be safe, each with its caption."""
+
+    kind: ClassVar[str] = "drawings"
+    drawings: Sequence[tuple[Markup, str]]
+
+
+@dataclass(frozen=True)
+class Fold:
+    """Blocks that are folded away on the screen and stand open on paper."""
+
+    kind: ClassVar[str] = "fold"
+    title: str
+    blocks: Sequence["Block"]
+
+
+Block = Text | Table | Picture | Drawings | Fold
+
+
+@dataclass(frozen=True)
+class Section:
+    """A part of a page.
+
+    Attributes:
+        title: Its head.
+        blocks: What it holds; where there is nothing, a sentence that says why.
+    """
+
+    title: str
+    blocks: Sequence[Block] = field(default_factory=tuple)
+
+    @property
+    def anchor(self) -> str:
+        """Return what links to it are made of."""
+        return "".join(letter if letter.isalnum() else "-" for letter in self.title.lower())
+
+
+@dataclass(frozen=True)
+class Page:
+    """A page.
+
+    Attributes:
+        title: Its head.
+        lead: What it is, in a sentence or two.
+        sections: Its parts.
+    """
+
+    title: str
+    lead: str
+    sections: Sequence[Section]
+
+    def render(self) -> str:
+        """Return the page as HTML."""
+        bounded = replace(self, sections=_within_bounds(self.sections))
+        script = _asset("page.js")
+        digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+        return _template().render(page=bounded, style=_asset("page.css"), script=script, script_digest=digest)
+
+
+def _within_bounds(sections: Sequence[Section]) -> list[Section]:
+    """Return the sections with sentences in place of those pictures that are beyond the bound."""
+    left = [MAX_PICTURE_BYTES]
+
+    def bounded(block: Block) -> Block:
+        if isinstance(block, Fold):
+            return replace(block, blocks=[bounded(inner) for inner in block.blocks])
+        if not isinstance(block, Picture):
+            return block
+        if len(block.uri) > left[0]:
+            return Text(
+                f"Left out, since the pictures of a page are held below {MAX_PICTURE_BYTES / 1e6:g} MB: {block.alt}"
+            )
+        left[0] -= len(block.uri)
+        return block
+
+    return [replace(section, blocks=[bounded(block) for block in section.blocks]) for section in sections]
+
+
+def _asset(name: str) -> Markup:
+    """Return a file of ours that goes into the page as it is."""
+    return Markup((_TEMPLATES / name).read_text(encoding="utf-8"))
+
+
+@cache
+def _template() -> jinja2.Template:
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(_TEMPLATES),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    return environment.get_template("page.html")

@@ -1,0 +1,50 @@
+"""Pictures as data URIs: figures as PNG, photographs as JPEG."""
+
+import base64
+import io
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+import cv2
+import numpy as np
+
+from assemblyhands_core.data.crop_images import encode_jpeg
+from assemblyhands_core.viz.overlays import Image
+from pipeline.html_report.page import Picture
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_FIGURE_DPI: Final = 150  # sharp on paper, too
+_JPEG_QUALITY: Final = 85
+_MAX_WIDTH_PX: Final = 1500
+
+
+def from_figure(figure: "Figure", alt: str) -> Picture:
+    """Return a figure as a picture."""
+    file = io.BytesIO()
+    figure.savefig(file, format="png", dpi=_FIGURE_DPI)
+    width_px = round(100 * figure.get_figwidth())
+    return Picture(_uri("image/png", file.getvalue()), alt, width_px=width_px)
+
+
+def from_image(image: Image, alt: str, caption: str = "") -> Picture:
+    """Return an RGB image as a picture, smaller where it is wide."""
+    scale = min(1.0, _MAX_WIDTH_PX / image.shape[1])
+    size = round(image.shape[1] * scale), round(image.shape[0] * scale)
+    smaller = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8) if scale < 1 else image
+    return Picture(_uri("image/jpeg", encode_jpeg(smaller, _JPEG_QUALITY)), alt, caption)
+
+
+def from_file(path: Path) -> Picture | None:
+    """Return a picture file's; nothing where it is none, a film for example."""
+    image = cv2.imread(str(path)) if path.suffix in (".png", ".jpg") else None
+    return (
+        None
+        if image is None
+        else from_image(np.asarray(image[:, :, ::-1], np.uint8), f"Drawn by this run: {path.name}")
+    )
+
+
+def _uri(kind: str, content: bytes) -> str:
+    return f"data:{kind};base64,{base64.b64encode(content).decode()}"
