@@ -1,14 +1,12 @@
 """The tables of one sequence in the folder of a run."""
 
 import re
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
 import pyarrow as pa
 import pyarrow.compute as pc
-import pyarrow.parquet as pq
 
 from assemblyhands_core.data.store import load_table
 from assemblyhands_core.data.tables import TableSpec
@@ -41,12 +39,6 @@ class SequenceTables:
         """
         found = [load_table(file) for file in self._files(node, table)]
         return pa.concat_tables([spec.empty(), *found])
-
-    def read_columns(self, node: str, table: str, columns: Sequence[str]) -> pa.Table | None:
-        """Return some columns of a node's table, so that pictures need not be read; None where the run has none."""
-        files = self._files(node, table)
-        read = [pq.read_table(file.resolve(), columns=list(columns)).replace_schema_metadata(None) for file in files]
-        return pa.concat_tables(read) if read else None
 
     def _files(self, node: str, table: str) -> list[Path]:
         files = sorted((self.run / node / table).glob("*.parquet"))

@@ -3,9 +3,9 @@
 import cv2
 import numpy as np
 
-from assemblyhands_core.data.crop_images import ImageRGB
 from assemblyhands_core.geometry.cameras import Camera
 from assemblyhands_core.geometry.regions import RemapGrid, remap
+from assemblyhands_core.viz.overlays import Tile
 
 
 def reduced_size_px(width_px: int, height_px: int, max_side_px: int) -> tuple[int, int]:
@@ -35,7 +35,7 @@ class PictureRectifier:
         x, y = grid.window(self.camera)
         self._maps = ((x + 0.5) * scale[0] - 0.5).astype(np.float32), ((y + 0.5) * scale[1] - 0.5).astype(np.float32)
 
-    def __call__(self, picture: ImageRGB) -> ImageRGB:
+    def __call__(self, picture: Tile) -> Tile:
         """Return the rectified picture of a raw one, of full size or reduced to that of ``camera``."""
         size_px = (self.camera.width_px, self.camera.height_px)
         if picture.shape[1::-1] != size_px:

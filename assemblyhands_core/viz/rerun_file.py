@@ -89,10 +89,7 @@ class RerunFile:
     def places(self, path: EntityPath, frames: Frames, T_camera_from_world: Float[np.ndarray, "frame 4 4"]) -> None:
         """Put a camera where it is at each of these frames."""
         T = np.linalg.inv(T_camera_from_world)
-        columns = self._rr.Transform3D.columns(
-            translation=T[:, :3, 3],
-            mat3x3=np.swapaxes(T[:, :3, :3], 1, 2).reshape(-1, 9),  # rerun stores matrices by columns
-        )
+        columns = self._rr.Transform3D.columns(translation=T[:, :3, 3], mat3x3=T[:, :3, :3])
         self._send(path, frames, columns)
 
     def picture(self, path: EntityPath, frame: int, jpeg: bytes | None) -> None:
