@@ -87,7 +87,10 @@ def _shown(layers: list[JointLayer]) -> dict[str, bool]:
 
 def _add_layer(file: RerunFile, frames: Frames, layer: JointLayer) -> None:
     for number, hand in enumerate(HANDS):
-        file.joints([WORLD, layer.name, hand], frames, layer.joints_world_mm[:, number], hand, layer.color)
+        what = [WORLD, layer.name, hand], frames, layer.joints_world_mm[:, number], hand, layer.color
+        file.joints(*what)
+        if layer.name != TRUTH:
+            file.side(*what)
 
 
 def _add_curves(file: RerunFile, frames: Frames, layers: list[JointLayer]) -> None:

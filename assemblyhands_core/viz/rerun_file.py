@@ -29,7 +29,7 @@ _JOINT_RADIUS_MM: Final = 2.5
 _BONE_RADIUS_MM: Final = 1.2
 _KEYPOINT_RADIUS_PX: Final = -2.0  # negative: of the screen, whatever the zoom
 _WRIST_COLOR: Final[Color] = (150, 150, 150)  # seen on black and on white
-_EYE_DISTANCE_MM: Final = 700.0
+_EYE_DISTANCE_MM: Final = 500.0
 _INSTALL: Final = (
     "install it: pip install 'assemblyhands[view]', or in this repository .venv/bin/pip install -e '.[view]'"
 )
@@ -116,14 +116,14 @@ class RerunFile:
         """Add a hand's joints and bones in the world, mm, NaN where there is none.
 
         Args:
-            path: Gets ``joints``, coloured by finger, ``bones``, all in one colour, and ``side``, the letter R or L.
+            path: Gets ``joints``, coloured by finger, and ``bones``, all in one colour.
             frames: Their numbers.
             points: Its joints.
             hand: Which one.
             color: Of the bones.
         """
         is_known = np.isfinite(points).all(axis=-1)
-        joints, bones, side = ([*path, part] for part in ("joints", "bones", "side"))
+        joints, bones = [*path, "joints"], [*path, "bones"]
         self._static(joints, self._rr.Points3D.from_fields(radii=_JOINT_RADIUS_MM, show_labels=False))
         columns = self._rr.Points3D.columns(positions=points[is_known], **_ids(is_known, hand))
         self._send(joints, frames, columns.partition(is_known.sum(axis=1)))
@@ -132,12 +132,17 @@ class RerunFile:
         self._static(bones, self._rr.LineStrips3D.from_fields(colors=color, radii=_BONE_RADIUS_MM))
         columns = self._rr.LineStrips3D.columns(strips=points[:, ends][is_whole])
         self._send(bones, frames, columns.partition(is_whole.sum(axis=1)))
-        forearm = points[:, WRIST] + (points[:, WRIST] - points[:, ROOT])  # there a letter hides no joint
-        is_told = np.isfinite(forearm).all(axis=-1)
+
+    def side(
+        self, path: EntityPath, frames: Frames, points: Float[np.ndarray, "frame joint=21 3"], hand: Hand, color: Color
+    ) -> None:
+        """Add the letter R or L beyond a hand's wrist, where it hides no joint; arguments are those of `joints`."""
+        forearm = 2 * points[:, WRIST] - points[:, ROOT]
+        is_known = np.isfinite(forearm).all(axis=-1)
         letter = self._rr.Points3D.from_fields(radii=0.0, colors=color, labels=hand[0].upper(), show_labels=True)
-        self._static(side, letter)
-        columns = self._rr.Points3D.columns(positions=forearm[is_told])
-        self._send(side, frames, columns.partition(is_told.astype(int)))
+        self._static([*path, "side"], letter)
+        columns = self._rr.Points3D.columns(positions=forearm[is_known])
+        self._send([*path, "side"], frames, columns.partition(is_known.astype(int)))
 
     def plot(
         self, path: EntityPath, frames: Frames, values: Float[np.ndarray, " frame"], name: str, color: Color

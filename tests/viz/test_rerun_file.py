@@ -44,8 +44,8 @@ def test_joints_and_bones_of_every_frame_and_none_where_there_are_none(tmp_path:
 
 def test_a_letter_beyond_the_wrist_says_which_hand_it_is(tmp_path: Path) -> None:
     with open_rerun_file(tmp_path / "a.rrd", "a", 2.0) as file:
-        file.joints(["world", "truth", "left"], FRAMES, _joints(), "left", (1, 2, 3))
-    side = read_rerun_file(tmp_path / "a.rrd")["/world/truth/left/side"]
+        file.side(["world", "round_3", "left"], FRAMES, _joints(), "left", (1, 2, 3))
+    side = read_rerun_file(tmp_path / "a.rrd")["/world/round_3/left/side"]
     assert side["Points3D:labels"][STATIC] == ["L"]
     np.testing.assert_allclose(side["Points3D:positions"][4], [2 * HAND[WRIST] - HAND[ROOT]])
     assert side["Points3D:positions"][6] == [] == side["Points3D:positions"][8]
@@ -146,5 +146,5 @@ def test_one_looks_at_the_hands_from_the_cameras_side() -> None:
     side = CAMERA.center_world_mm - look.target_world_mm
     eye = look.eye_world_mm - look.target_world_mm
     np.testing.assert_allclose(eye / np.linalg.norm(eye), side / np.linalg.norm(side))
-    np.testing.assert_allclose([np.linalg.norm(eye), *look.up_world], [700.0, 0, -1, 0])
+    np.testing.assert_allclose([np.linalg.norm(eye), *look.up_world], [500.0, 0, -1, 0])
     assert look_at_hands(np.full((4, 3), np.nan), [CAMERA], "+z") is None is look_at_hands(HAND, [], "+z")
