@@ -13,7 +13,7 @@ BIN := $(VENV)/bin
 RUN := $(BIN)/python -m pipeline
 SEQUENCE := $(if $(SET),manifest=data_manifests/synthetic_$(SET).csv) $(if $(SEQ),'seq=$(SEQ)',$(if $(SET),seq=all))
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
-SOURCES := assemblyhands_core stages pipeline tests benchmarks
+SOURCES := assemblyhands_core stages pipeline tests benchmarks notebooks
 
 .PHONY: all annotate evaluate simulate train ego predict train-ego verbs train-verbs export view plan doctor gc fsck test test-slow check format benchmark docs help clean
 .DEFAULT_GOAL := help
