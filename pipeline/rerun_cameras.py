@@ -23,6 +23,9 @@ from assemblyhands_core.viz.rectified_pictures import PictureRectifier
 from assemblyhands_core.viz.rerun_file import WORLD, EntityPath, RerunFile
 from pipeline.sequence_tables import SequenceTables, between
 
+_FIXED_DEPTH_MM: Final = 150.0  # how far from a camera its picture stands in the world's view
+_HEADSET_DEPTH_MM: Final = 40.0  # its cameras are near one another
+
 Frames = npt.NDArray[np.int64]
 
 
@@ -69,7 +72,7 @@ class FixedCamera:
 
     def add_to(self, file: RerunFile, frames: Frames) -> None:
         """Add where it stands, and the 2D keypoints that triangulation used."""
-        file.camera(self.path, self.rectifier.camera)
+        file.camera(self.path, self.rectifier.camera, _FIXED_DEPTH_MM)
         file.place(self.path, self.raw.T_camera_from_world)
         if not self.keypoints.num_rows:
             return
@@ -109,7 +112,7 @@ class HeadsetCamera:
     def add_to(self, file: RerunFile, frames: Frames) -> None:
         """Add where it is at each frame that has a pose."""
         posed = np.array([frame for frame in frames.tolist() if frame in self.view.poses], dtype=np.int64)
-        file.camera(self.path, self.rectifier.camera)
+        file.camera(self.path, self.rectifier.camera, _HEADSET_DEPTH_MM)
         if len(posed):
             file.places(self.path, posed, np.stack([self.view.poses[frame] for frame in posed.tolist()]))
 

@@ -10,8 +10,9 @@ from assemblyhands_core.data.arrays import to_numpy
 from assemblyhands_core.data.catalog import JOINTS, VIEWS
 from assemblyhands_core.data.crop_images import encode_jpeg
 from assemblyhands_core.hands.joints import HANDS
+from assemblyhands_core.viz.first_look import look_at_hands, up_axis
 from assemblyhands_core.viz.joint_layers import TRUTH, JointLayer, joint_layer, layer_color, true_layer
-from assemblyhands_core.viz.rerun_file import WORLD, RerunFile, look_at_hands, open_rerun_file, up_axis
+from assemblyhands_core.viz.rerun_file import WORLD, RerunFile, Visibility, open_rerun_file
 from pipeline.config import ViewConfig
 from pipeline.rerun_cameras import FixedCamera, ShownCamera, shown_cameras
 from pipeline.sequence_tables import SequenceTables
@@ -79,10 +80,13 @@ def _all_joints(layers: list[JointLayer]) -> npt.NDArray[np.float64]:
     return np.concatenate([np.empty((0, 3)), *(layer.joints_world_mm.reshape(-1, 3) for layer in layers)])
 
 
-def _shown(layers: list[JointLayer]) -> dict[str, bool]:
-    """Return which layers are shown at first: the truth and the last round, or all if there is no round."""
+def _shown(layers: list[JointLayer]) -> dict[str, Visibility]:
+    """Return what is shown at first: the truth and the last round, curves of all rounds; all if there is no round."""
     rounds = [layer.name for layer in layers if layer.name.startswith(_ROUND)]
-    return {layer.name: not rounds or layer.name in (rounds[-1], TRUTH) for layer in layers}
+    return {
+        name: Visibility(not rounds or name in (rounds[-1], TRUTH), not rounds or name in rounds)
+        for name in (layer.name for layer in layers)
+    }
 
 
 def _add_layer(file: RerunFile, frames: Frames, layer: JointLayer) -> None:
@@ -103,8 +107,7 @@ def _add_curves(file: RerunFile, frames: Frames, layers: list[JointLayer]) -> No
         for kind, values in curves.items():
             for number, hand in enumerate(HANDS):
                 if np.isfinite(values[:, number]).any():
-                    name = f"{layer.name}, {hand}"
-                    file.plot([kind, layer.name, hand], frames, values[:, number], name, layer.color)
+                    file.plot([kind, layer.name], frames, values[:, number], hand, layer.color)
 
 
 def _add_pictures(file: RerunFile, frames: Frames, camera: ShownCamera, jpeg_quality: int) -> None:

@@ -8,15 +8,15 @@ would go on showing those of an earlier frame otherwise.
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Integer
 
 from assemblyhands_core.geometry.cameras import Camera
 from assemblyhands_core.hands.joints import BONES, HANDS, JOINT_NAMES, ROOT, WRIST, Hand
+from assemblyhands_core.viz.first_look import Look
 from assemblyhands_core.viz.overlays import FINGER_COLORS, Color
 
 FRAME: Final = "frame"
@@ -29,7 +29,6 @@ _JOINT_RADIUS_MM: Final = 2.5
 _BONE_RADIUS_MM: Final = 1.2
 _KEYPOINT_RADIUS_PX: Final = -2.0  # negative: of the screen, whatever the zoom
 _WRIST_COLOR: Final[Color] = (150, 150, 150)  # seen on black and on white
-_EYE_DISTANCE_MM: Final = 500.0
 _INSTALL: Final = (
     "install it: pip install 'assemblyhands[view]', or in this repository .venv/bin/pip install -e '.[view]'"
 )
@@ -64,12 +63,13 @@ class RerunFile:
         ]
         self._static([WORLD], self._rr.AnnotationContext(hands))
 
-    def camera(self, path: EntityPath, camera: Camera) -> None:
+    def camera(self, path: EntityPath, camera: Camera, depth_mm: float) -> None:
         """Add a pinhole camera's optics; with ``place`` or ``places`` it also stands somewhere.
 
         Args:
             path: Its entity.
             camera: Of the pictures as they are stored.
+            depth_mm: How far from it the world's view shows its picture.
         """
         self._static(
             path,
@@ -78,6 +78,7 @@ class RerunFile:
                 principal_point=(camera.cx_px + 0.5, camera.cy_px + 0.5),
                 resolution=(camera.width_px, camera.height_px),
                 camera_xyz=self._rr.ViewCoordinates.RDF,
+                image_plane_distance=depth_mm,
             ),
         )
 
@@ -145,28 +146,36 @@ class RerunFile:
         self._send([*path, "side"], frames, columns.partition(is_known.astype(int)))
 
     def plot(
-        self, path: EntityPath, frames: Frames, values: Float[np.ndarray, " frame"], name: str, color: Color
+        self, path: EntityPath, frames: Frames, values: Float[np.ndarray, " frame"], hand: Hand, color: Color
     ) -> None:
-        """Add a curve over time, NaN where it has no value; its path begins with what it measures."""
+        """Add a hand's curve over time, NaN where it has no value.
+
+        Args:
+            path: What it measures, and of which layer.
+            frames: Their numbers.
+            values: The curve.
+            hand: The left one's is thinner.
+            color: Of the layer.
+        """
         is_known = np.isfinite(values)
         self._plots.setdefault(path[0])
-        self._static([PLOTS, *path], self._rr.SeriesLines(names=name, colors=color))
-        self._send([PLOTS, *path], frames[is_known], self._rr.Scalars.columns(scalars=values[is_known]))
+        lines = self._rr.SeriesLines(names=f"{path[-1]}, {hand}", colors=color, widths=2.5 if hand == "right" else 1.0)
+        self._static([PLOTS, *path, hand], lines)
+        self._send([PLOTS, *path, hand], frames[is_known], self._rr.Scalars.columns(scalars=values[is_known]))
 
-    def layout(self, cameras: Sequence[EntityPath], layers: Mapping[str, bool], look: "Look | None") -> None:
+    def layout(self, cameras: Sequence[EntityPath], layers: Mapping[str, "Visibility"], look: Look | None) -> None:
         """Say how the viewer shows it first: the world, curves, and a view of each camera with the joints over it.
 
         Args:
             cameras: Their entities.
-            layers: Entities below the world that hold joints, and whether they are shown at first.
+            layers: Entities below the world that hold joints, and what of them is shown at first.
             look: How one looks at the world first; None leaves it to the viewer.
         """
         import rerun.blueprint as bp
 
+        off = bp.EntityBehavior(visible=False)
         hidden: dict[Any, Any] = {
-            self._path([WORLD, name]): bp.EntityBehavior(visible=False)
-            for name, is_shown in layers.items()
-            if not is_shown
+            self._path([WORLD, name]): off for name, seen in layers.items() if not seen.has_joints
         }
         contents = [f"{self._path([WORLD, name])}/**" for name in layers]
         views = [
@@ -175,7 +184,15 @@ class RerunFile:
             )
             for path in cameras
         ]
-        plots = [bp.TimeSeriesView(origin=self._path([PLOTS, kind]), name=kind) for kind in self._plots]
+        silent = [name for name, seen in layers.items() if not seen.has_curves]
+        plots = [
+            bp.TimeSeriesView(
+                origin=self._path([PLOTS, kind]),
+                name=kind,
+                overrides={self._path([PLOTS, kind, name]): off for name in silent},
+            )
+            for kind in self._plots
+        ]
         eye = None
         if look is not None:
             eye = bp.EyeControls3D(position=look.eye_world_mm, look_target=look.target_world_mm, eye_up=look.up_world)
@@ -198,30 +215,11 @@ class RerunFile:
         self._stream.send_columns(self._path(path), lines, columns, strict=True)
 
 
-@dataclass(frozen=True, eq=False)
-class Look:
-    """From where one looks at the world, at what, and which way is up."""
+class Visibility(NamedTuple):
+    """Whether a layer's joints, and its curves, are shown at first."""
 
-    eye_world_mm: Float[np.ndarray, "3"]
-    target_world_mm: Float[np.ndarray, "3"]
-    up_world: Float[np.ndarray, "3"]
-
-
-def look_at_hands(points: Float[np.ndarray, "point 3"], cameras: Sequence[Camera], up: str) -> Look | None:
-    """Return a look at the hands from the side on which most cameras are; None without hands or cameras.
-
-    Args:
-        points: Joints in the world, mm; NaN where missing.
-        cameras: The fixed ones.
-        up: Of `up_axis`.
-    """
-    known = points[np.isfinite(points).all(axis=-1)]
-    if not len(known) or not cameras:
-        return None
-    target = np.median(known, axis=0)
-    side = np.mean([camera.center_world_mm for camera in cameras], axis=0) - target
-    eye = target + _EYE_DISTANCE_MM * side / max(float(np.linalg.norm(side)), 1.0)
-    return Look(eye, target, np.eye(3)["xyz".index(up[1])] * (1.0 if up[0] == "+" else -1.0))
+    has_joints: bool
+    has_curves: bool
 
 
 @contextmanager
@@ -251,21 +249,6 @@ def open_rerun_file(path: Path, name: str, rate_hz: float) -> Iterator[RerunFile
     finally:
         stream.disconnect()
         draft.unlink(missing_ok=True)
-
-
-def up_axis(cameras: Sequence[Camera]) -> str:
-    """Return the world's axis that is up for most cameras, which people rarely mount upside down.
-
-    A guess for a first look alone: nothing is computed from it.
-
-    Returns:
-        One of ``+x -x +y -y +z -z``; ``+z`` without cameras.
-    """
-    if not cameras:
-        return "+z"
-    up = -np.mean([camera.T_camera_from_world[1, :3] for camera in cameras], axis=0)
-    axis = int(np.argmax(np.abs(up)))
-    return ("+" if up[axis] > 0 else "-") + "xyz"[axis]
 
 
 def _ids(is_known: Any, hand: Hand) -> dict[str, Any]:

@@ -9,7 +9,8 @@ from assemblyhands_core.geometry.cameras import Camera
 from assemblyhands_core.geometry.distortion import Pinhole
 from assemblyhands_core.geometry.transforms import rigid
 from assemblyhands_core.hands.joints import BONES, ROOT, WRIST
-from assemblyhands_core.viz.rerun_file import look_at_hands, open_rerun_file, up_axis
+from assemblyhands_core.viz.first_look import look_at_hands
+from assemblyhands_core.viz.rerun_file import Visibility, open_rerun_file
 
 FRAMES = np.array([4, 6, 8])
 # Camera x is the world's y, camera y (down) the world's -z, camera z the world's -x: it looks along -x, z is up.
@@ -54,15 +55,15 @@ def test_a_letter_beyond_the_wrist_says_which_hand_it_is(tmp_path: Path) -> None
 def test_frames_have_seconds_where_the_rate_is_known(tmp_path: Path) -> None:
     for rate_hz, name in ((2.0, "known"), (float("nan"), "unknown")):
         with open_rerun_file(tmp_path / f"{name}.rrd", name, rate_hz) as file:
-            file.plot(["error_mm"], FRAMES, np.array([1.0, np.nan, 3.0]), "error", (1, 2, 3))
-    assert read_seconds(tmp_path / "known.rrd", "/plots/error_mm") == {4: 2.0, 8: 4.0}
-    unknown = read_rerun_file(tmp_path / "unknown.rrd")["/plots/error_mm"]
+            file.plot(["error_mm", "round_3"], FRAMES, np.array([1.0, np.nan, 3.0]), "left", (1, 2, 3))
+    assert read_seconds(tmp_path / "known.rrd", "/plots/error_mm/round_3/left") == {4: 2.0, 8: 4.0}
+    unknown = read_rerun_file(tmp_path / "unknown.rrd")["/plots/error_mm/round_3/left"]
     assert unknown["Scalars:scalars"] == {4: [1.0], 8: [3.0]}
 
 
 def test_a_camera_is_where_it_is_and_projects_as_ours_does(tmp_path: Path) -> None:
     with open_rerun_file(tmp_path / "a.rrd", "a", 30.0) as file:
-        file.camera(PATH, CAMERA)
+        file.camera(PATH, CAMERA, 150.0)
         file.place(PATH, CAMERA.T_camera_from_world)
     (matrix,) = read_rerun_file(tmp_path / "a.rrd")["/world/cameras/front"]["Pinhole:image_from_camera"][STATIC]
     camera = read_rerun_file(tmp_path / "a.rrd")["/world/cameras/front"]
@@ -112,8 +113,12 @@ def test_pictures_are_the_bytes_that_were_given_and_can_end(tmp_path: Path) -> N
 def test_the_layout_is_part_of_the_file(tmp_path: Path) -> None:
     with open_rerun_file(tmp_path / "a.rrd", "a", 30.0) as file:
         file.world("+z")
-        file.camera(PATH, CAMERA)
-        file.layout([PATH], {"round_0": False, "truth": True}, look_at_hands(HAND, [CAMERA], "+z"))
+        file.camera(PATH, CAMERA, 150.0)
+        file.layout(
+            [PATH],
+            {"round_0": Visibility(False, True), "truth": Visibility(True, False)},
+            look_at_hands(HAND, [CAMERA], "+z"),
+        )
     found = read_rerun_file(tmp_path / "a.rrd")["/world"]
     assert found["ViewCoordinates:xyz"][STATIC] == [[3, 5, 1]]  # right, forward, up
     assert len(found["AnnotationContext:context"][STATIC][0]) == 2
@@ -123,28 +128,6 @@ def test_what_fails_leaves_the_file_as_it_was(tmp_path: Path) -> None:
     path = tmp_path / "a.rrd"
     path.write_bytes(b"before")
     with pytest.raises(ZeroDivisionError), open_rerun_file(path, "a", 30.0) as file:
-        file.camera(PATH, CAMERA)
+        file.camera(PATH, CAMERA, 150.0)
         raise ZeroDivisionError
     assert path.read_bytes() == b"before" and list(tmp_path.iterdir()) == [path]
-
-
-@pytest.mark.parametrize("up", ["+x", "-x", "+y", "-y", "+z", "-z"])
-def test_up_is_where_upright_cameras_have_it(up: str) -> None:
-    axis = np.eye(3)["xyz".index(up[1])] * (1 if up[0] == "+" else -1)
-    forward = np.roll(axis, 1)
-    rotation = np.stack([np.cross(-axis, forward), -axis, forward])  # camera y points down
-    tilted = np.array([[1, 0, 0], [0, np.cos(0.4), -np.sin(0.4)], [0, np.sin(0.4), np.cos(0.4)]]) @ rotation
-    cameras = [CAMERA.moved(rigid(R, np.zeros(3))) for R in (rotation, tilted)]
-    assert np.linalg.det(rotation) == pytest.approx(1) and up_axis(cameras) == up
-    assert up_axis([]) == "+z"
-
-
-def test_one_looks_at_the_hands_from_the_cameras_side() -> None:
-    look = look_at_hands(HAND, [CAMERA], "-y")
-    assert look is not None
-    np.testing.assert_allclose(look.target_world_mm, [10.0, 100.0, 5.0])
-    side = CAMERA.center_world_mm - look.target_world_mm
-    eye = look.eye_world_mm - look.target_world_mm
-    np.testing.assert_allclose(eye / np.linalg.norm(eye), side / np.linalg.norm(side))
-    np.testing.assert_allclose([np.linalg.norm(eye), *look.up_world], [500.0, 0, -1, 0])
-    assert look_at_hands(np.full((4, 3), np.nan), [CAMERA], "+z") is None is look_at_hands(HAND, [], "+z")
