@@ -43,7 +43,7 @@ from pipeline.work import SequenceWork, member_rows, possible_nodes, with_set
 
 _MAX_REPAIRS = 20  # each round finds what is damaged one node further
 _PLAIN_WIDTH = 140  # of lines that go to a file or a pipe
-_READING = {"fsck": fsck, "report": report_again, "compare": compare_runs}  # of what is there already
+_READING = {"fsck": fsck, "report": report_again, "compare": compare_runs, "view": write_rerun_views}  # of what is there already
 
 
 def execute(command: str, config: RunConfig, command_line: str) -> int:
@@ -59,8 +59,6 @@ def execute(command: str, config: RunConfig, command_line: str) -> int:
     if command in _READING:
         with _lock(config.workspace, exclusive=False):
             return _READING[command](config, console)
-    if command == "view":
-        return write_rerun_views(config, console)
     if (before := _recording_first(config)) is not None:
         _say(console, f"these sequences are recorded first, once, in the simulated studio: {before.seq}")
         if code := _run(before, console, command_line):
