@@ -3,18 +3,21 @@
 import os
 import shlex
 import sys
+import time
 from collections.abc import Callable
 
 import hydra
+from hydra.core.hydra_config import HydraConfig
 from hydra.errors import HydraException, MissingConfigException
 from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 
-from pipeline.commands import execute
+from pipeline.commands import execute, terminal
 from pipeline.config import CONF_FOLDER, UserError, check_config, unknown_key_message
 from pipeline.dag import build_dag
 from pipeline.describe import describe
 from pipeline.overrides import is_sweep, literal, name_runs, stray_word
+from pipeline.sweeps import Point, write_sweep
 
 _INTERRUPTED = 130  # as shells count it: 128 + SIGINT
 _COMMANDS = ("run", "plan", "preflight", "gc", "fsck", "report", "compare", "view", "describe")
@@ -47,7 +50,7 @@ often used parameters
   rounds=3               how often MVExoNet refines 2D + triangulation; 0: not at all
   executor=serial        everything in this process, for debuggers (default: local)
   triangulate.max_reprojection_px=8    any parameter of a stage; --cfg job prints them all
-  -m PARAMETER=A,B       a sweep; shared work is done once
+  -m PARAMETER=A,B       a sweep: shared work is done once, a table and a picture at its end; repeat it to go on
 
 Results: work/runs/latest/<node>/<table>/*.parquet; in Python: assemblyhands_core.data.store.load("round_3")
 """
@@ -66,15 +69,26 @@ def main() -> int:
     overrides = literal(overrides)
     _check_overrides(overrides)
     command_line = shlex.join(["python", "-m", "pipeline", *arguments])
-    codes = [0]
+    codes, points = [0], list[Point]()
+    sweep = time.strftime("sweep-%Y%m%d-%H%M%S") if is_sweep(overrides) else ""
+
+    def run(composed: DictConfig) -> int:
+        config = check_config(composed)
+        if sweep:
+            of_point = HydraConfig.get()
+            config = config.model_copy(update={"run": f"{config.run or sweep}-{of_point.job.num:02d}"})
+            points.append(Point(tuple(of_point.overrides.task), config))
+        return execute(command, config, command_line)
 
     def job(composed: DictConfig) -> None:
         if _INTERRUPTED not in codes:  # a job that fails does not stop a sweep, the user does
-            codes.append(_reported(lambda: execute(command, check_config(composed), command_line)))
+            codes.append(_reported(lambda: run(composed)))
 
     sys.argv = [sys.argv[0], *overrides]
     os.environ["HYDRA_FULL_ERROR"] = "1"  # let errors through to us instead of printing tracebacks
     hydra.main(version_base="1.3", config_path=str(CONF_FOLDER), config_name="config")(job)()
+    if points and command == "run":
+        write_sweep(terminal(), points, points[0].config.workspace / "sweeps" / sweep)
     return max(codes)
 
 

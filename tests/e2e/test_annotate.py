@@ -234,3 +234,6 @@ def test_a_sweep_over_rounds_makes_each_round_once(studio: Any, extended: Step) 
     swept.outcome.assert_done()
     assert swept.made == {"annotate_round": 2 * NUM_CHUNKS, "measure_quality": 2, "draw_overlays": 2}
     assert "tiny, round_2: " in swept.outcome.said
+    table = max((extended.workspace / "sweeps").glob("*/sweep.csv"))
+    rows = [line.split(",") for line in table.read_text().splitlines()[1:]]
+    assert {row[0] for row in rows} == {"1", "2"} and "valid joints (%)" in {row[2] for row in rows}
