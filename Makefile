@@ -15,7 +15,7 @@ SEQUENCE := $(if $(SET),manifest=data_manifests/synthetic_$(SET).csv) $(if $(SEQ
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 SOURCES := assemblyhands_core stages pipeline tests benchmarks notebooks
 
-.PHONY: all annotate evaluate simulate train ego predict train-ego verbs train-verbs export view plan doctor gc fsck test test-slow check format benchmark docs help clean
+.PHONY: all annotate evaluate simulate train ego predict train-ego verbs train-verbs export report compare view plan doctor gc fsck test test-slow check format benchmark docs help clean
 .DEFAULT_GOAL := help
 
 annotate: $(VENV)/.installed  ## video in, 3D hand joints out: SEQ=name (default: records one), ARGS='parameter=value'
@@ -54,6 +54,12 @@ export: $(VENV)/.installed  ## annotate, and write AssemblyHands and COCO files 
 
 view: $(VENV)/.installed-view  ## a run in the viewer rerun, cameras, pictures and joints on one time line: SEQ=name, ARGS='run=NAME'
 	$(RUN) view $(SEQUENCE) $(ARGS)
+
+report: $(VENV)/.installed  ## write the page of the latest run, or of another one: ARGS='run=NAME'
+	$(RUN) report $(ARGS)
+
+compare: $(VENV)/.installed  ## two runs of the same sequences, difference by difference: A=run B=run
+	$(RUN) compare $(A) $(B) $(ARGS)
 
 plan: $(VENV)/.installed  ## what `make annotate` would run, what it would reuse, and why
 	$(RUN) plan $(SEQUENCE) $(ARGS)

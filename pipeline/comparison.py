@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Final
 
 import numpy as np
@@ -12,22 +13,39 @@ from rich.console import Console
 from assemblyhands_core.metrics.annotation import TABLE
 from assemblyhands_core.metrics.comparison import Difference, differences
 from assemblyhands_core.metrics.error_rows import align_methods
-from assemblyhands_core.viz.figures import method_label
+from assemblyhands_core.viz.figures import Change, change_figure, method_label
 from pipeline.config import RunConfig, UserError
 from pipeline.ego_evaluation import egocentric_rows
-from pipeline.evaluation import pools, read_errors
+from pipeline.evaluation import METRIC_NAMES, pools, read_errors
 from pipeline.finished import FinishedRun, open_run
 from pipeline.grids import Grid, rich_table
-from pipeline.html_report.making import parameters
-from pipeline.html_report.page import Block, Fold, Page, Section, Table, Text
+from pipeline.html_report.annotation import pool_title
+from pipeline.html_report.making import node_seconds, parameters
+from pipeline.html_report.page import Block, Fold, Page, Table, sections
+from pipeline.html_report.pictures import from_figure
 from pipeline.html_report.writing import save
+from pipeline.measured import RECORDINGS, NothingToShow
 from pipeline.summary import quality_grids
 from pipeline.verb_evaluation import verb_rows
+from stages.evaluate import UPPER_BOUND
 
 _HAND: Final = ("sequence_id", "frame", "hand")
 _SURE, _UNSURE, _EQUAL = "{} is better", "no sure difference", "equal"
+_METRICS: Final = {
+    **{name: METRIC_NAMES[name] for name in ("coverage", "mpjpe_mm")},
+    "wrist_relative_mpjpe_mm": "wrist-relative MPJPE (mm)",
+    **METRIC_NAMES,
+    "pck_20mm": "PCK at 20 mm (%)",
+}
+"""What they are called, in the order of the rows."""
+_PRINTED: Final = ("coverage", "mpjpe_mm", "pck_auc")
+_DRAWN: Final = "mpjpe_mm"
 _NEUTRAL: Final = frozenset({"own"})
 """Metrics of which more is neither better nor worse."""
+
+
+Found = Mapping[str, Sequence[Difference]]
+"""Method → its differences."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,8 +74,8 @@ def compare_runs(config: RunConfig, console: Console) -> int:
     pair = _open(config)
     overall = dict(_overall(pair))
     for title, found in overall.items():
-        everything = {method: [d for d in of_method if d.table == TABLE] for method, of_method in found.items()}
-        console.print(rich_table(_grid(title, pair, everything)))
+        printed = [d for d in _of_table(found, TABLE) if d.metric in _PRINTED]
+        console.print(rich_table(_grid(title, pair, printed)))
     if not overall:
         console.print("no method was evaluated in both runs; the page has what else they share")
     folder = pair.first.folder / "report"
@@ -68,7 +86,7 @@ def compare_runs(config: RunConfig, console: Console) -> int:
 
 def _open(config: RunConfig) -> _Pair:
     if not config.other:
-        raise UserError("compare takes two runs: run=NAME other=NAME")
+        raise UserError("compare takes two runs: compare A B")
     first, second = open_run(config, config.run), open_run(config, config.other)
     shared = sorted(set(first.sequences) & set(second.sequences))
     if not shared:
@@ -78,7 +96,7 @@ def _open(config: RunConfig) -> _Pair:
     return _Pair(first, second, shared)
 
 
-def _overall(pair: _Pair) -> Iterator[tuple[str, dict[str, list[Difference]]]]:
+def _overall(pair: _Pair) -> Iterator[tuple[str, Found]]:
     """Yield for each kind of sequences the differences of every method that both runs evaluated."""
     first, second = (read_errors(run.folder) for run in (pair.first, pair.second))
     both = {name: first[name] for name in first if name in second}
@@ -94,7 +112,7 @@ def _overall(pair: _Pair) -> Iterator[tuple[str, dict[str, list[Difference]]]]:
                 bounds = settings.low_occlusion, settings.high_occlusion
                 found[method] = list(differences(rows["first"], rows["second"], bounds, settings.resampling))
         if found:
-            yield f"{pool.name}: {len(names)} sequences", found
+            yield pool_title(pool), found
 
 
 def _common(first: pa.Table, second: pa.Table) -> pa.Table:
@@ -109,19 +127,30 @@ def _common(first: pa.Table, second: pa.Table) -> pa.Table:
     return pa.concat_tables(kept)
 
 
-def _grid(title: str, pair: _Pair, found: Mapping[str, Sequence[Difference]]) -> Grid:
+def _of_table(found: Found, table: str) -> list[Difference]:
+    """Return what a table has, with coverage first of each method's metrics."""
+    order = list(_METRICS)
+    return [
+        d._replace(group=", ".join(filter(None, (method_label(method), d.group))))
+        for method, of_method in found.items()
+        for d in sorted(of_method, key=lambda d: order.index(d.metric))
+        if d.table == table
+    ]
+
+
+def _grid(title: str, pair: _Pair, found: Sequence[Difference]) -> Grid:
     first, second = pair.names
     rows = [
         [
-            f"{method_label(method)}, {d.group}" if d.group else method_label(method),
-            d.metric,
-            *(_number(value) for value in (d.first, d.second)),
+            d.group,
+            _METRICS[d.metric],
+            _number(d.first),
+            _number(d.second),
             _with_interval(d),
             _verdict(d, pair),
             str(d.n),
         ]
-        for method, of_method in found.items()
-        for d in of_method
+        for d in found
     ]
     columns = ["method", "metric", first, second, f"{first} − {second} (95 % interval)", "verdict", "n"]
     return Grid(title, columns, rows)
@@ -140,53 +169,66 @@ def _verdict(found: Difference, pair: _Pair) -> str:
 
 
 def _with_interval(found: Difference) -> str:
+    if found.value == found.low == found.high == 0:
+        return "0"
     bounds = "" if found.low != found.low else f" ({found.low:+.3f} to {found.high:+.3f})"
-    return "–" if found.value != found.value else f"{found.value:.3f}{bounds}"
+    return "–" if found.value != found.value else f"{found.value:+.3f}{bounds}"
 
 
 def _number(value: float) -> str:
     return "–" if value != value else f"{value:.3f}"
 
 
-def _page(pair: _Pair, overall: Mapping[str, Mapping[str, Sequence[Difference]]]) -> Page:
+def _page(pair: _Pair, overall: Mapping[str, Found]) -> Page:
     first, second = pair.names
-    lead = f"Each figure of run {first} beside that of run {second}, on {len(pair.shared)} sequences that both have."
-    sections = [_annotation(pair, overall), _networks(pair), _quality(pair), _settings(pair)]
-    return Page(f"{first} against {second}", lead, sections)
+    kind = ", all of them synthetic" if pair.first.is_synthetic and pair.second.is_synthetic else ""
+    lead = (
+        f"Each figure of run {first} beside that of run {second}, on {len(pair.shared)} sequences that both have{kind}."
+    )
+    parts = {
+        "Annotation against the truth": partial(_annotation, pair, overall),
+        "Egocentric hands and verbs": partial(_networks, pair),
+        "Quality without truth": partial(_quality, pair),
+        "Time": partial(_times, pair),
+        "What was different": partial(_settings, pair),
+    }
+    return Page(f"{first} against {second}", lead, sections(parts.items()))
 
 
-def _annotation(pair: _Pair, overall: Mapping[str, Mapping[str, Sequence[Difference]]]) -> Section:
-    blocks: list[Block] = []
+def _annotation(pair: _Pair, overall: Mapping[str, Found]) -> Iterator[Block]:
+    if not overall:
+        raise NothingToShow("no method was evaluated in both runs.")
+    first, second = pair.names
     for title, found in overall.items():
-        blocks.append(Table(_grid(title, pair, _of_table(found, TABLE)), note=_HOW.format(*pair.names)))
-        tables = dict.fromkeys(d.table for of_method in found.values() for d in of_method if d.table != TABLE)
-        for table in tables:
+        yield Table(_grid(title, pair, _of_table(found, TABLE)), note=_HOW.format(first, second))
+        figure = change_figure(list(_changes(found)), f"MPJPE (mm): {first} − {second}", RECORDINGS)
+        yield from_figure(figure, f"Differences of MPJPE, {title}; the same as in the tables.")
+        for table in dict.fromkeys(d.table for of_method in found.values() for d in of_method if d.table != TABLE):
             name = table.removeprefix(f"{TABLE}_").replace("_", " ")
-            grid = _grid(f"{name}: {title}", pair, _of_table(found, table))
-            blocks.append(Fold(f"{name.capitalize()}: {title}", [Table(grid)]))
-    return Section("Annotation against the truth", blocks or [Text("No method was evaluated in both runs.")])
+            yield Fold(f"{name.capitalize()}; {title}", [Table(_grid(name, pair, _of_table(found, table)))])
+
+
+def _changes(found: Found) -> Iterator[Change]:
+    """Yield the difference of each method, and by finger of the last one that is no upper bound."""
+    last = [method for method in found if method != UPPER_BOUND or len(found) == 1][-1]
+    for drawn, table in ((found, TABLE), ({last: found[last]}, f"{TABLE}_by_finger")):
+        for d in _of_table(drawn, table):
+            if d.metric == _DRAWN and np.isfinite([d.value, d.low, d.high]).all():
+                yield Change(d.group, d.value, d.low, d.high)
 
 
 _HOW: Final = (
     "Positive: {} has more than {}. Paired intervals over stretches of frames: what is hard for both cancels. "
-    "A run is called better where the whole interval says so."
+    "A run is called better where the whole interval says so. MPJPE is of the joints that each run found."
 )
 
 
-def _of_table(found: Mapping[str, Sequence[Difference]], table: str) -> dict[str, list[Difference]]:
-    return {method: [d for d in of_method if d.table == table] for method, of_method in found.items()}
-
-
-def _networks(pair: _Pair) -> Section:
-    """Return figures over a whole set, which are comparable only if it is the same set."""
-    title = "Egocentric hands and verbs"
+def _networks(pair: _Pair) -> Iterator[Block]:
+    """Yield figures over a whole set, which are comparable only if it is the same set."""
     if not pair.are_of_the_same:
-        return Section(
-            title, [Text("The runs are of different sequences, so that figures over all of them say nothing.")]
-        )
+        raise NothingToShow("the runs are of different sequences, so that figures over all of them say nothing.")
     found = [_set_figures(run) for run in (pair.first, pair.second)]
-    grid = _plain_grid("Figures that both have; without paired intervals", pair, *found)
-    return Section(title, [Table(grid)] if grid.rows else [Text("The runs have no such figures in common.")])
+    yield _plain_table("Figures that both have; without paired intervals", pair, *found)
 
 
 def _set_figures(run: FinishedRun) -> dict[str, float]:
@@ -195,11 +237,9 @@ def _set_figures(run: FinishedRun) -> dict[str, float]:
     return {", ".join(str(row[name]) for name in names if row.get(name)): row["value"] for row in rows}
 
 
-def _quality(pair: _Pair) -> Section:
+def _quality(pair: _Pair) -> Iterator[Block]:
     found = [_quality_figures(run, pair.shared) for run in (pair.first, pair.second)]
-    grid = _plain_grid("Figures without truth, of sequences that both have", pair, *found)
-    sentence = Text("The runs have no quality tables in common.")
-    return Section("Quality without truth", [Table(grid)] if grid.rows else [sentence])
+    yield _plain_table("Figures without truth, of sequences that both have", pair, *found)
 
 
 def _quality_figures(run: FinishedRun, sequences: Sequence[str]) -> dict[str, float]:
@@ -213,20 +253,31 @@ def _quality_figures(run: FinishedRun, sequences: Sequence[str]) -> dict[str, fl
     }
 
 
-def _plain_grid(title: str, pair: _Pair, first: Mapping[str, float], second: Mapping[str, float]) -> Grid:
+def _times(pair: _Pair) -> Iterator[Block]:
+    """Yield the time of each node that has the same number of shards in both."""
+    found = [
+        {f"{name}, {len(seconds)} shards": sum(seconds) for name, seconds in node_seconds(run).items()}
+        for run in (pair.first, pair.second)
+    ]
+    yield _plain_table("Work by node (s), when the results were made", pair, *found)
+
+
+def _plain_table(title: str, pair: _Pair, first: Mapping[str, float], second: Mapping[str, float]) -> Table:
     rows = [
         [name, *(_number(value) for value in (first[name], second[name], first[name] - second[name]))]
         for name in first
         if name in second and np.isfinite([first[name], second[name]]).all()
     ]
-    return Grid(title, ["figure", *pair.names, f"{pair.names[0]} − {pair.names[1]}"], rows)
+    if not rows:
+        raise NothingToShow("the runs have no such figures in common.")
+    return Table(Grid(title, ["figure", *pair.names, f"{pair.names[0]} − {pair.names[1]}"], rows))
 
 
-def _settings(pair: _Pair) -> Section:
-    """Return what was different in how they were made."""
+def _settings(pair: _Pair) -> Iterator[Block]:
+    """Yield what was different in how they were made."""
     first, second = (dict(parameters(run)) for run in (pair.first, pair.second))
     names = dict.fromkeys([*first, *second])
     rows = [
         [name, first.get(name, "–"), second.get(name, "–")] for name in names if first.get(name) != second.get(name)
     ]
-    return Section("What was different", [Table(Grid("Command, versions and parameters", ["what", *pair.names], rows))])
+    yield Table(Grid("Command, versions and parameters", ["what", *pair.names], rows))

@@ -17,13 +17,14 @@ from pipeline.grids import Grid, rich_table
 from pipeline.manifests import select_rows
 from stages import evaluate
 
-_COLUMNS: Final = {
+METRIC_NAMES: Final = {
     "mpjpe_mm": "MPJPE (mm)",
     "pck_auc": "PCK-AUC (%)",
     "pck_auc_found": "PCK-AUC of found (%)",
     "coverage": "coverage (%)",
     "own": "own (%)",
 }
+"""What readers call the metrics of a table."""
 _COMPARED: Final = {
     "mpjpe_mm_ratio": "MPJPE, ratio",
     "mpjpe_mm_common_ratio": "MPJPE of joints that both found, ratio",
@@ -120,7 +121,7 @@ def method_grid(title: str, rows: Rows) -> Grid:
         title: What they are of.
         rows: Lines of evaluations, as the table `EVALUATION` has them; those of groups are left out.
     """
-    return _grid(title, _COLUMNS, rows)
+    return _grid(title, METRIC_NAMES, rows)
 
 
 def pair_grid(title: str, rows: Rows) -> Grid:

@@ -8,7 +8,7 @@ from typing import Final
 from rich.markup import escape
 from rich.table import Table
 
-_NUMBER: Final = re.compile(r"-?\d+(\.\d+)?(?=$|[ %×])")
+_NUMBER: Final = re.compile(r"[+-]?\d+(\.\d+)?(?=$|[ %×])")
 
 
 @dataclass(frozen=True)

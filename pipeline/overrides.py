@@ -36,11 +36,10 @@ def stray_word(arguments: Sequence[str]) -> str | None:
 
 
 def name_runs(arguments: Sequence[str]) -> list[str]:
-    """Return the arguments with two leading words, ``A B``, as the runs that they name: ``run=A other=B``."""
+    """Return the arguments with leading words, ``A B``, as the runs that they name: ``run=A other=B``."""
     words = list(itertools.takewhile(lambda argument: "=" not in argument and not argument.startswith("-"), arguments))
-    if len(words) != 2:
-        return list(arguments)
-    return [f"run={words[0]}", f"other={words[1]}", *arguments[2:]]
+    names = [f"{name}={word}" for name, word in zip(("run", "other"), words, strict=False)]
+    return [*names, *arguments[len(names) :]]
 
 
 def _literal(argument: str, may_sweep: bool) -> str:

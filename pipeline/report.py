@@ -18,12 +18,11 @@ from pipeline.finished import FinishedRun, open_run
 from pipeline.html_report.writing import write_page
 from pipeline.measured import RECORDINGS, Measured, NothingToShow
 from pipeline.round_crops import read_courses
+from stages import evaluate, evaluate_ego, tabulate_ego, tabulate_verbs
 
-_FILES_OF: Final = "evaluate"
-_PAGE_OF: Final = frozenset(
-    {"evaluate", "smooth", "cross", "train_ego", "predict", "ego_only", "verbs", "train_verbs"},
-)
-"""Targets after which the page is written unasked; of others, `python -m pipeline report` writes it."""
+_FILES_OF: Final = ("evaluate", "all")
+_MEASURING: Final = (evaluate.STAGE, evaluate_ego.STAGE, tabulate_ego.STAGE, tabulate_verbs.STAGE)
+"""Runs that were asked for one of these end with a page; of others, `python -m pipeline report` writes it."""
 
 
 def write_report(console: Console, config: RunConfig, run: Path, kinds: Mapping[str, str]) -> None:
@@ -35,10 +34,11 @@ def write_report(console: Console, config: RunConfig, run: Path, kinds: Mapping[
         run: Its folder.
         kinds: Of sequences, see `evaluation.pools`; each kind has figures of its own.
     """
-    if config.target not in _PAGE_OF:
+    asked = {config.dag.nodes[name].stage.name for name in config.wanted_nodes}
+    if asked.isdisjoint(stage.name for stage in _MEASURING):
         return
     finished = FinishedRun(run, config, kinds)
-    if config.target == _FILES_OF:
+    if config.target in _FILES_OF:
         _write_files(console, finished)
     write_page(console, finished)
 

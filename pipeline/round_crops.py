@@ -77,6 +77,12 @@ def round_nodes(run: Path) -> list[Path]:
     return sorted(run.glob("round_*"), key=lambda node: int(node.name.removeprefix("round_")))
 
 
+def round_label(node: Path) -> str:
+    """Return what readers call a round's node."""
+    number = int(node.name.removeprefix("round_"))
+    return f"R{number}" if number else "2D + triangulation"
+
+
 def _whole_shards(run: Path, rounds: Sequence[Path]) -> list[str]:
     """Return the names of the files that every round and its inputs have: what failed is left out."""
     tables = [*(node / "joints" for node in rounds), run / "crop_hands" / "crops", run / "detect_hands" / "hand_boxes"]

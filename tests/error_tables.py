@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 import pyarrow as pa
 
-from assemblyhands_core.data.catalog import ERRORS
+from assemblyhands_core.data.catalog import EGO_ERRORS, ERRORS
 from assemblyhands_core.hands.joints import HANDS, NUM_JOINTS
 
 
@@ -39,3 +39,24 @@ def errors_table(
         }
         tables.append(ERRORS.build(columns))
     return pa.concat_tables(tables)
+
+
+def ego_errors_table(count: int = 8) -> pa.Table:
+    """Crops of two cameras; errors grow by a millimetre a crop, the wrist's are 0, the last crop was not found."""
+    error_mm = np.tile(np.arange(1.0, count + 1)[:, None], (1, 21))
+    error_mm[:, 20] = 0.0
+    error_mm[-1] = np.nan
+    return EGO_ERRORS.build(
+        {
+            "sequence_id": ["s"] * count,
+            "frame": np.arange(count),
+            "hand": ["right", "left"] * (count // 2),
+            "camera_id": ["a"] * (count // 2) + ["b"] * (count // 2),
+            "labels": ["manual"] * count,
+            "verb": ["screw"] * 2 + [""] * (count - 2),
+            "error_mm": error_mm,
+            "is_labelled": np.ones((count, 21), dtype=bool),
+            "is_identity_right": np.arange(count) % 4 != 0,
+            "border_px": np.linspace(0, 140, count),
+        }
+    )

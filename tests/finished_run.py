@@ -1,5 +1,6 @@
 """What a run leaves in its folder: evaluations of errors that a test gives, and rounds of one made-up hand."""
 
+import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -25,7 +26,10 @@ from assemblyhands_core.data.tables import TableSpec, write_parquet
 from assemblyhands_core.geometry.cameras import Camera
 from assemblyhands_core.geometry.crops import crop_camera
 from assemblyhands_core.geometry.distortion import Pinhole
-from assemblyhands_core.metrics.annotation import evaluate_annotation
+from assemblyhands_core.geometry.regions import RemapGrid
+from assemblyhands_core.metrics.annotation import Cell, evaluate_annotation
+from assemblyhands_core.metrics.egocentric import evaluate_egocentric
+from assemblyhands_core.metrics.verbs import VerbEvaluation, evaluate_verbs
 from stages.evaluate import EvaluateConfig
 
 CONFIG: Final = EvaluateConfig(low_occlusion=0.4, high_occlusion=0.6, block_frames=2, num_resamples=100, seed=0)
@@ -35,14 +39,20 @@ BOX_SIDE_PX: Final = 120.0
 
 def write_evaluation(run: Path, sequence_id: str, errors: pa.Table) -> None:
     """Write what the nodes ``evaluation_<number>`` say, one for each method by name, "R..." after digits."""
-    for number, method in enumerate(sorted(set(errors["method"].to_pylist()))):
-        of_method = errors.filter(pc.equal(errors["method"], method))
-        bounds = CONFIG.low_occlusion, CONFIG.high_occlusion
-        cells = evaluate_annotation(of_method, bounds, CONFIG.resampling)
+    for node, of_method in write_errors(run, sequence_id, errors).items():
+        cells = evaluate_annotation(of_method, (CONFIG.low_occlusion, CONFIG.high_occlusion), CONFIG.resampling)
         metrics = EVALUATION.from_rows([{"sequence_id": sequence_id, **cell._asdict()} for cell in cells])
-        node = f"evaluation_{number}" if method[0] in "2R" else "evaluation_bound"
-        write_table(run / node / "errors" / f"{sequence_id}.parquet", ERRORS, of_method)
         write_table(run / node / "metrics" / f"{sequence_id}.parquet", EVALUATION, metrics)
+
+
+def write_errors(run: Path, sequence_id: str, errors: pa.Table) -> dict[str, pa.Table]:
+    """Write the errors that these nodes found, and return them by node."""
+    by_node = {}
+    for number, method in enumerate(sorted(set(errors["method"].to_pylist()))):
+        node = f"evaluation_{number}" if method[0] in "2R" else "evaluation_bound"
+        by_node[node] = errors.filter(pc.equal(errors["method"], method))
+        write_table(run / node / "errors" / f"{sequence_id}.parquet", ERRORS, by_node[node])
+    return by_node
 
 
 def write_rounds(run: Path, sequence_id: str, chunk: int, x_mm: Sequence[Sequence[float]]) -> None:
@@ -67,20 +77,52 @@ def write_rounds(run: Path, sequence_id: str, chunk: int, x_mm: Sequence[Sequenc
     write_table(run / "undistort" / "rectified_views" / f"{sequence_id}.parquet", RECTIFIED_VIEWS, views)
 
 
-def write_keypoints(run: Path, sequence_id: str, chunk: int, num_frames: int) -> None:
+def write_keypoints(run: Path, sequence_id: str, chunk: int, num_frames: int, video: str = "") -> None:
     """Write the 2D keypoints of one chunk, as of joints of `write_rounds` at x = 0; a second view is dark."""
     names = [{"sequence_id": sequence_id, "frame": 10 * chunk + index, "hand": "right"} for index in range(num_frames)]
     corners = 20.0 * np.array([[-1.0, -1], [1, -1], [1, 1], [-1, 1]])[np.arange(21) % 4] + (319.5, 239.5)
     seen = {"keypoints_px": corners.ravel(), "confidence": [1.0] * 21, "source": "", "valid": True, "reason": ""}
     keypoints = KEYPOINTS.from_rows([name | {"camera_id": CAMERA.camera_id} | seen for name in names])
     write_table(run / "detect_keypoints" / "keypoints" / f"{sequence_id}.{chunk:05}.parquet", KEYPOINTS, keypoints)
-    view = {"video_file": "", "video_sha256": "", "num_frames": 99, "rate_hz": 30.0, "image_fit": "", "note": ""}
+    view = {"video_file": video, "video_sha256": "", "num_frames": 99, "rate_hz": 30.0, "image_fit": "", "note": ""}
     rows = [
         {"camera_id": CAMERA.camera_id, **view, **camera_to_row(CAMERA), "valid": True, "reason": ""},
         {"camera_id": "<b>dark</b>", **view, **missing_camera_row(), "valid": False, "reason": "missing_video"},
     ]
     views = VIEWS.from_rows([{"sequence_id": sequence_id} | row for row in rows])
     write_table(run / "ingest" / "views" / f"{sequence_id}.parquet", VIEWS, views)
+
+
+def write_verb_table(run: Path, node: str) -> None:
+    """Write a table of verbs: our annotation tells three of four segments right, SVEgoNet two."""
+    said = {"annotation": ("pick up", "pick up", "screw", "pick up"), "svegonet": ("pick up", "screw", "screw", "")}
+    rows = [
+        {
+            "sequence_id": "a",
+            "segment": number,
+            "source": source,
+            "predicted": predicted,
+            "coverage": 100.0,
+            "verb": ("pick up", "pick up", "screw", "screw")[number],
+            "confidence": 0.5,
+            "pose_error_mm": 7.0,
+        }
+        for source, all_said in said.items()
+        for number, predicted in enumerate(all_said)
+    ]
+    evaluation = VerbEvaluation(("pick up", "screw"), "annotation", "recording", 100, 0)
+    _write_metrics(run / node, evaluate_verbs(pa.Table.from_pylist(rows), evaluation))
+
+
+def write_ego_table(run: Path, node: str, errors: pa.Table) -> None:
+    """Write an egocentric network's table of rows of `EGO_ERRORS`."""
+    _write_metrics(run / node, evaluate_egocentric(errors, CONFIG.resampling))
+
+
+def _write_metrics(node: Path, cells: Sequence[Cell]) -> None:
+    metrics = EVALUATION.from_rows([{"sequence_id": "all", **cell._asdict()} for cell in cells])
+    write_table(node / "metrics" / "all.parquet", EVALUATION, metrics)
+    (node / "manifest.json").write_text(json.dumps({"stage": "tabulate", "tables": ["metrics"], "shards": {}}))
 
 
 def write_table(path: Path, spec: TableSpec, table: pa.Table) -> None:
@@ -143,7 +185,7 @@ def _rectified() -> dict[str, Any]:
         "round_trip_residual_px": 0.0,
         "grid_residual_px": 0.0,
         "grid_step_px": 16,
-        "grid": b"",
+        "grid": RemapGrid.build(CAMERA, CAMERA).to_bytes(),
         "rectified_file": "",
         "rectified_sha256": "",
         "valid": True,

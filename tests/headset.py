@@ -5,10 +5,11 @@ from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
+from finished_run import write_table
 
 from assemblyhands_core.data.assembly101 import write_assembly101_calibration
 from assemblyhands_core.data.assemblyhands import RECTIFIED_FOCAL_SCALE, EgoCalibration, write_ego_calibration
-from assemblyhands_core.data.catalog import CHUNKS, JOINTS, SOURCES, VIEWS
+from assemblyhands_core.data.catalog import CHUNKS, EGO_BOXES, EGO_FRAMES, JOINTS, RECTIFIED_VIEWS, SOURCES, VIEWS
 from assemblyhands_core.data.video import VideoWriter
 from assemblyhands_core.geometry.cameras import Camera
 from assemblyhands_core.geometry.crops import rectified
@@ -107,3 +108,17 @@ def annotation(joints: np.ndarray, frames: range = range(NUM_FRAMES)) -> pa.Tabl
         for hand, points in zip(HANDS, joints, strict=True)
     ]
     return JOINTS.from_rows(rows)
+
+
+def write_run(run: Path, rig: Rig, joints: np.ndarray) -> None:
+    """Write the run of a recording that has a headset alone, annotated by people."""
+    files = run.with_name("files")
+    for folder in (run, files):
+        folder.mkdir(parents=True)
+    tables = ingested(write_headset(files, rig, joints), run)
+    specs = {"views": VIEWS, "chunks": CHUNKS, "frames": EGO_FRAMES, "boxes": EGO_BOXES, "joints": JOINTS}
+    for name, spec in specs.items():
+        table = annotation(joints) if name == "joints" else tables[name]
+        write_table(run / "ingest_ego" / name / f"{RECORDING}.parquet", spec, table)
+    rectified_views = tables["rectified_views"]
+    write_table(run / "undistort_ego" / "rectified_views" / f"{RECORDING}.parquet", RECTIFIED_VIEWS, rectified_views)

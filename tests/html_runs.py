@@ -1,12 +1,22 @@
 """Made-up runs for reports, with names that would do harm if anything were not escaped."""
 
 import json
+from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
-from error_tables import errors_table
-from finished_run import CONFIG, write_evaluation, write_keypoints, write_rounds
+from error_tables import ego_errors_table, errors_table
+from finished_run import (
+    CAMERA,
+    CONFIG,
+    write_ego_table,
+    write_errors,
+    write_keypoints,
+    write_rounds,
+    write_verb_table,
+)
 
+from assemblyhands_core.data.video import VideoWriter
 from pipeline.config import ExecutorConfig, GcConfig, RigConfig, RunConfig
 from pipeline.dag import build_dag
 from pipeline.finished import FinishedRun, open_run
@@ -36,14 +46,15 @@ def write_run(
     workspace: Path, name: str, worse_by: float = 1.0, sequences: tuple[str, ...] = (HOSTILE, "tuesday")
 ) -> Path:
     """Write an evaluated run: 20 frames of each sequence, errors a multiple of `ERRORS_MM`, and a hand that moved."""
-    run = workspace / "runs" / name
+    run, video = workspace / "runs" / name, workspace / "front.mp4"
+    _write_video(video)
     noise = np.random.default_rng(0).uniform(0.8, 1.2, (20, 2))
     for sequence in sequences:
         factor = {method: 1.0 if method == "2d_triangulation" else worse_by for method in ERRORS_MM}
         errors = {method: mm * factor[method] * noise for method, mm in ERRORS_MM.items()}
-        write_evaluation(run, sequence, errors_table(errors, sequence_id=sequence, verbs=("screw", "<i>put</i>")))
+        write_errors(run, sequence, errors_table(errors, sequence_id=sequence, verbs=("screw", "<i>put</i>")))
         write_rounds(run, sequence, 0, [(0, 5, 6)] * 20)
-        write_keypoints(run, sequence, 0, 20)
+        write_keypoints(run, sequence, 0, 20, str(video))
         for node in ("round_0", "round_1", "round_2"):
             _write_manifest(run / node, sequence)
     failure = {"node": "quality", "shard": "x", "status": "failed", "error": "<img src=x onerror=hostile()>"}
@@ -64,9 +75,22 @@ def write_run(
     return run
 
 
+def write_networks(run: Path) -> None:
+    """Add tables of networks: an egocentric one on our labels, and verbs by the shipped classifier."""
+    write_ego_table(run, "ego_evaluation_automatic", ego_errors_table())
+    write_verb_table(run, "verb_table")
+
+
 def finished(workspace: Path, name: str) -> FinishedRun:
     """Return a run of a workspace."""
     return open_run(run_config(workspace), name)
+
+
+def _write_video(path: Path) -> None:
+    """Write a grey video."""
+    with VideoWriter(path, CAMERA.width_px, CAMERA.height_px, Fraction(30)) as video:
+        for _ in range(20):
+            video.write(np.full((CAMERA.height_px, CAMERA.width_px, 3), 90, np.uint8))
 
 
 def _write_manifest(node: Path, sequence: str) -> None:

@@ -1,4 +1,4 @@
-"""Figures of annotation quality: PCK curves of methods, and the error from round to round.
+"""Figures of annotation quality: PCK curves of methods, the error from round to round, differences between runs.
 
 They take figures that were worked out elsewhere (`metrics`) and only draw them. Every title names the recordings, which
 the caller has to say: a figure on synthetic recordings must never pass for one on real data. Colours are those of Okabe
@@ -8,7 +8,7 @@ and Ito, the same method or finger always in its own.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -141,6 +141,41 @@ def round_figure(errors: Sequence[RoundError], recordings: str, bound: RoundErro
     _label_rounds(panels, everything, methods)
     title = f"Error by round on {recordings}: mean over the joints found, 95 % bootstrap intervals"
     figure.suptitle(title, fontsize="large")
+    return figure
+
+
+class Change(NamedTuple):
+    """By how much a figure differs between two runs, with its paired interval."""
+
+    label: str
+    value: float
+    low: float
+    high: float
+
+
+def change_figure(changes: Sequence[Change], unit: str, recordings: str) -> "Figure":
+    """Return differences below one another, each with its interval; the line is where there is none.
+
+    Args:
+        changes: At least one, in the order of the lines.
+        unit: What they are in, and which run is subtracted from which.
+        recordings: What they are of.
+
+    Raises:
+        ValueError: There is nothing to draw.
+    """
+    if not changes:
+        raise ValueError("A figure of differences needs at least one; compare runs that have a method in common.")
+    figure, (axes,) = _figure(1, (7.0, 1.4 + 0.28 * len(changes)))
+    places = range(len(changes))
+    value, low, high = np.array([change[1:] for change in changes]).T
+    axes.axvline(0, color="#000000", linewidth=1, linestyle="--")
+    axes.errorbar((low + high) / 2, places, xerr=(high - low) / 2, fmt="none", ecolor="#0072B2", capsize=3)
+    axes.plot(value, places, color="#0072B2", marker="o", linestyle="none")
+    axes.set_yticks(places, [change.label for change in changes])
+    axes.invert_yaxis()
+    axes.set(xlabel=unit)
+    axes.set_title(f"Differences on {recordings}, 95 % paired intervals")
     return figure
 
 

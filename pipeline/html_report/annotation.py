@@ -8,37 +8,53 @@ import pyarrow as pa
 
 from assemblyhands_core.metrics.annotation import evaluate_overall
 from assemblyhands_core.viz.figures import method_label, pck_figure, round_figure
-from pipeline.evaluation import Pool, method_grid, pair_grid
+from pipeline.evaluation import POOLED, Pool, method_grid, pair_grid
 from pipeline.finished import FinishedRun
 from pipeline.grids import Grid
-from pipeline.html_report.page import Block, Section, Table, Text
+from pipeline.html_report.page import Block, Table, Text
 from pipeline.html_report.pictures import from_figure
 from pipeline.measured import RECORDINGS, NothingToShow
 from pipeline.paper import annotation_of_rig
 from stages.evaluate import UPPER_BOUND
 
-UNJUDGED: Final = "This run was not held against the truth: it is known of synthetic recordings alone, with `evaluate`."
+UNJUDGED: Final = "this run was not held against the truth: it is known of synthetic recordings alone, with `evaluate`."
 _NOTE: Final = "`own`: found in that round, not kept from an earlier one. `{bound}`: no annotation, but an upper bound."
 _PAIRED: Final = "Paired: the same stretches of frames are drawn for both, so that what is hard for both cancels."
-_PAPER_MM, _PAPER_PERCENT = "paper (mm)", "paper (%)"
+_PAPER_MM, _PAPER_PERCENT = "paper, real data (mm)", "paper, real data (%)"
 _SEQUENCE_FIGURES: Final = {"coverage": "found (%)", "mpjpe_mm": "MPJPE of found (mm)", "pck_auc": "PCK-AUC (%)"}
 
 
-def annotation(run: FinishedRun) -> Section:
-    """Return the methods beside the paper's, their PCK curves and errors from round to round."""
-    blocks = [block for pool in run.measured.pools for block in _of_pool(run, pool)]
-    return Section("Annotation against the truth", blocks or [Text(UNJUDGED)])
+def annotation(run: FinishedRun) -> Iterator[Block]:
+    """Yield the methods beside the paper's, their PCK curves and errors from round to round."""
+    for pool in judged_pools(run):
+        yield from _of_pool(run, pool)
 
 
-def sequences(run: FinishedRun) -> Section:
-    """Return every sequence's figures before and after the rounds, so that odd ones stand out."""
+def judged_pools(run: FinishedRun) -> Sequence[Pool]:
+    """Return the sequences that were held against the truth, by kind.
+
+    Raises:
+        NothingToShow: none was.
+    """
+    if not run.measured.pools:
+        raise NothingToShow(UNJUDGED)
+    return run.measured.pools
+
+
+def pool_title(pool: Pool) -> str:
+    """Return what kind of sequences they are, and how many."""
+    kind = dict.fromkeys(pool.name.removeprefix(POOLED).split())  # rig and split, once where they are the same word
+    number = len(pool.errors)
+    return f"{' '.join(kind) or POOLED}: {number} sequence{'s' if number != 1 else ''}"
+
+
+def sequences(run: FinishedRun) -> Iterator[Block]:
+    """Yield every sequence's figures before and after the rounds, so that odd ones stand out."""
     ends = list(dict.fromkeys([*run.measured.rounds[:1], *run.measured.rounds[-1:]]))
-    rows = sorted(_sequence_row(run, errors, ends) for pool in run.measured.pools for errors in pool.errors)
-    if not rows:
-        return Section("Sequences", [Text(UNJUDGED)])
+    rows = sorted(_sequence_row(run, errors, ends) for pool in judged_pools(run) for errors in pool.errors)
     columns = [f"{name}: {method_label(method)}" for name in _SEQUENCE_FIGURES.values() for method in ends]
     grid = Grid("Every sequence, in the first and the last round", ["sequence", *columns, "joints found"], rows)
-    return Section("Sequences", [Table(grid)])
+    yield Table(grid)
 
 
 def bound_last(rows: Sequence[Sequence[str]]) -> list[Sequence[str]]:
@@ -48,7 +64,7 @@ def bound_last(rows: Sequence[Sequence[str]]) -> list[Sequence[str]]:
 
 def _of_pool(run: FinishedRun, pool: Pool) -> Iterator[Block]:
     rows = [cell._asdict() for cell in run.measured.cells[pool.name]]
-    title = f"{pool.name}: {len(pool.errors)} sequences"
+    title = pool_title(pool)
     rig = next((run.kinds.get(table["sequence_id"][0].as_py(), "") for table in pool.errors), "")
     paper = annotation_of_rig(rig.split(" ")[0])
     note = f"Paper: {paper.name}. {_NOTE.format(bound=UPPER_BOUND)}"
@@ -58,12 +74,12 @@ def _of_pool(run: FinishedRun, pool: Pool) -> Iterator[Block]:
         yield Table(_readable(pairs), note=_PAIRED)
     try:
         figure = pck_figure(run.measured.curves(pool), RECORDINGS)
-        yield from_figure(figure, f"PCK curves of {pool.name}; the areas stand in the table above.")
+        yield from_figure(figure, f"PCK curves, {title}; the areas stand in the table above.")
         by_round, bound = run.measured.errors_by_round(pool)
         figure = round_figure(by_round, RECORDINGS, bound)
-        yield from_figure(figure, f"Error by round of {pool.name}, over all joints and by finger; as in the tables.")
+        yield from_figure(figure, f"Error by round, {title}, over all joints and by finger; as in the tables.")
     except NothingToShow as reason:
-        yield Text(f"No figure for {pool.name}: {reason}.")
+        yield Text(f"No figure of {title}: {reason}.")
 
 
 def _beside_paper(grid: Grid, figures: Mapping[str, tuple[float, float]]) -> Grid:

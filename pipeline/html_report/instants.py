@@ -13,9 +13,11 @@ from assemblyhands_core.data.hand_crops import HandKey
 from assemblyhands_core.viz.figures import method_label
 from assemblyhands_core.viz.round_sheet import HandCourse, draw_strip
 from pipeline.finished import FinishedRun
-from pipeline.html_report.page import Block, Picture, Section, Text
+from pipeline.html_report.page import Block, Picture, Text
 from pipeline.html_report.pictures import from_file, from_image
-from pipeline.round_crops import HAND_KEY, follow_hands, round_nodes
+from pipeline.html_report.whole_pictures import whole_pictures
+from pipeline.measured import NothingToShow
+from pipeline.round_crops import HAND_KEY, follow_hands, round_label, round_nodes
 from pipeline.summary import drawn_pictures
 
 NUM_HANDS: Final = 4
@@ -38,29 +40,31 @@ class _Rated(NamedTuple):
         return list(self.by_method.values())[-1]
 
 
-def instants(run: FinishedRun) -> Section:
-    """Return strips of the worst hands, by error or else by reprojection, and of random ones."""
+def instants(run: FinishedRun) -> Iterator[Block]:
+    """Yield strips of the worst hands, by error or else by reprojection, and of random ones."""
     unit = "mm from the truth" if run.measured.pools else "px from its 2D keypoints"
     rated = list(_by_error(run) if run.measured.pools else _by_reprojection(run))
     if not rated:
-        return Section("Worst and random hands", [Text("This run has no rounds to show.")])
+        raise NothingToShow("this run has no rounds.")
     known = [hand for hand in rated if np.isfinite(hand.last)]
     worst = list(islice(_apart(sorted(known, key=lambda hand: -hand.last), run.settings.block_frames), _NUM_TRIED))
     chosen = np.random.default_rng(_SEED).permutation(len(rated))[:_NUM_TRIED]
-    blocks: list[Block] = [
-        Text("Each strip: the hand's stored crop in the view that shows it best, then what each round found there; the "
-             "square is the window it looked through. Right hand: solid lines and discs; left: dashed and squares."),
-        *_strips(run, "Worst", worst, unit),
-        *_strips(run, "Random", [rated[index] for index in chosen], unit),
-    ]  # fmt: skip
-    return Section("Worst and random hands", blocks)
+    yield Text(
+        "Each strip: the hand's stored crop in the view that shows it best, then what each round found there; the "
+        "square is the window it looked through. Below it, what the last round found in the whole picture, and in the "
+        "headset's where there is one. Right hands: solid lines and discs; left ones: dashed lines and squares."
+    )
+    yield from _strips(run, "Worst", worst, unit)
+    yield from _strips(run, "Random", [rated[index] for index in chosen], unit)
 
 
-def drawn(run: FinishedRun) -> Section:
-    """Return the pictures that the run's nodes drew: overlays of the fixed cameras, the headset's crops."""
+def drawn(run: FinishedRun) -> Iterator[Block]:
+    """Yield the pictures that the run's nodes drew: overlays of the fixed cameras, the headset's crops."""
     found = (from_file(path) for path in drawn_pictures(run.folder))
-    pictures: list[Block] = list(islice((picture for picture in found if picture is not None), MAX_DRAWN))
-    return Section("Overlays", pictures or [Text("This run drew none: `annotate` and `predict` do.")])
+    pictures = list(islice((picture for picture in found if picture is not None), MAX_DRAWN))
+    if not pictures:
+        raise NothingToShow("this run drew none: `annotate` and `predict` do.")
+    yield from pictures
 
 
 def _by_error(run: FinishedRun) -> Iterator[_Rated]:
@@ -78,7 +82,7 @@ def _by_reprojection(run: FinishedRun) -> Iterator[_Rated]:
     for node in nodes:
         for path in sorted((node / "joints").glob("*.parquet")):
             joints = pq.read_table(path.resolve(), columns=[*HAND_KEY, "reprojection_px"])
-            yield from _rated(joints, {node.name: _means(to_numpy(joints["reprojection_px"]))})
+            yield from _rated(joints, {round_label(node): _means(to_numpy(joints["reprojection_px"]))})
 
 
 def _rated(table: pa.Table, values: Mapping[str, np.ndarray]) -> Iterator[_Rated]:
@@ -109,8 +113,10 @@ def _strips(run: FinishedRun, kind: str, hands: Sequence[_Rated], unit: str) -> 
     courses = follow_hands(run.folder, run.round_settings.window_rule(), list(rated))
     for course in courses[:NUM_HANDS]:
         yield _strip(kind, course, rated[course.key], unit)
-    if len(courses) < len(hands):
-        yield Text(f"{kind}: of {len(hands)} hands {len(hands) - len(courses)} have no stored crop to show.")
+        if (whole := whole_pictures(run, course.key, course.view.camera_id)) is not None:
+            yield whole
+    if num_without := len(hands) - len(courses):
+        yield Text(f"{kind}: {num_without} of {len(hands)} hands have no stored crop and cannot be shown.")
 
 
 def _strip(kind: str, course: HandCourse, hand: _Rated, unit: str) -> Picture:
@@ -119,5 +125,5 @@ def _strip(kind: str, course: HandCourse, hand: _Rated, unit: str) -> Picture:
         f"{method_label(name)} {value:.1f}" if np.isfinite(value) else f"{method_label(name)} missing"
         for name, value in hand.by_method.items()
     )
-    caption = f"{kind}: {sequence}, frame {frame}, {side} hand, camera {course.view.camera_id}; {unit}: {figures}"
+    caption = f"{kind}: {sequence}, frame {frame}, {side} hand, {course.view.camera_id}; {unit}: {figures}"
     return from_image(draw_strip(course, _TILE_PX), f"Crop of a hand by round. {caption}", caption)

@@ -13,16 +13,16 @@ from assemblyhands_core.viz.hand_diagram import hand_diagram
 from pipeline.evaluation import Pool
 from pipeline.finished import FinishedRun
 from pipeline.grids import Grid
-from pipeline.html_report.annotation import UNJUDGED
-from pipeline.html_report.page import Block, Drawings, Fold, Section, Table, Text
+from pipeline.html_report.annotation import judged_pools, pool_title
+from pipeline.html_report.page import Block, Drawings, Fold, Table
 
 _GROUPS: Final = ("finger", "hand", "verb", "occlusion")
 
 
-def joints(run: FinishedRun) -> Section:
-    """Return each joint's error drawn on a hand, and tables by joint and other groups."""
-    blocks = [block for pool in run.measured.pools for block in _of_pool(run, pool)]
-    return Section("Error by joint", blocks or [Text(UNJUDGED)])
+def joints(run: FinishedRun) -> Iterator[Block]:
+    """Yield each joint's error drawn on a hand, and tables by joint and other groups."""
+    for pool in judged_pools(run):
+        yield from _of_pool(run, pool)
 
 
 def _of_pool(run: FinishedRun, pool: Pool) -> Iterator[Block]:
@@ -34,7 +34,7 @@ def _of_pool(run: FinishedRun, pool: Pool) -> Iterator[Block]:
     yield from _drawings(pool, {name: shown[name] for name in (next(iter(shown)), next(reversed(shown)))})
     grids = [_by_group(cells, "joint"), *(_by_group(cells, name) for name in _GROUPS)]
     tables = [Table(grid, shaded=range(1, len(grid.columns) - 2)) for grid in grids if grid.rows]
-    yield Fold(f"Tables by joint, {', '.join(_GROUPS[:-1])} and {_GROUPS[-1]}: {pool.name}", tables)
+    yield Fold(f"Tables by joint, {', '.join(_GROUPS[:-1])} and {_GROUPS[-1]}; {pool_title(pool)}", tables)
 
 
 def _drawings(pool: Pool, shown: dict[str, np.ndarray]) -> Iterator[Block]:
@@ -42,10 +42,9 @@ def _drawings(pool: Pool, shown: dict[str, np.ndarray]) -> Iterator[Block]:
     high = max(float(np.nanmax(values)) for values in shown.values())
     drawings = []
     for name, values in shown.items():
-        caption = f"{method_label(name)}, {pool.name}: mean error of each joint in mm, both hands"
+        caption = f"{method_label(name)}: mean error (mm); palest disc {low:.2f}, darkest {high:.2f}"
         drawings.append((Markup(hand_diagram(values, (low, high), caption)), caption))
-    yield Drawings(drawings)
-    yield Text(f"The palest disc is {low:.2f} mm, the darkest {high:.2f} mm; missing joints do not enter.")
+    yield Drawings(f"{pool_title(pool)}, both hands; missing joints do not count", drawings)
 
 
 def _by_joint(cells: Sequence[Cell], method: str) -> np.ndarray:

@@ -1,55 +1,68 @@
 """How a run was made: time by stage, command, parameters, versions, digests and keys."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from pathlib import Path
 from typing import Any, Final
 
 from pipeline.finished import FinishedRun
 from pipeline.grids import Grid
-from pipeline.html_report.page import Block, Fold, Section, Table, Text
+from pipeline.html_report.page import Block, Fold, Table, Text
+from pipeline.measured import NothingToShow
 from pipeline.summary import quality_grids
 
 _FACTS: Final = ("command", "time", "commit", "python", "machine")
 _MAX_QUALITY_TABLES: Final = 60
 
 
-def quality(run: FinishedRun) -> Section:
-    """Return what is known of each sequence's annotation without truth."""
+def quality(run: FinishedRun) -> Iterator[Block]:
+    """Yield what is known of each sequence's annotation without truth."""
     grids = quality_grids(run.folder)
     if not grids:
-        return Section("Quality without truth", [Text("This run made no quality tables: `annotate` does.")])
-    folds: list[Block] = [
-        Fold(name, [Table(grid) for grid in grids[:_MAX_QUALITY_TABLES] if grid.title == name])
-        for name in dict.fromkeys(grid.title for grid in grids[:_MAX_QUALITY_TABLES])
-    ]
+        raise NothingToShow("this run made no quality tables: `annotate` does.")
+    for name in dict.fromkeys(grid.title for grid in grids[:_MAX_QUALITY_TABLES]):
+        yield Fold(name, [Table(grid) for grid in grids[:_MAX_QUALITY_TABLES] if grid.title == name])
     if len(grids) > _MAX_QUALITY_TABLES:
-        folds.append(Text(f"{len(grids) - _MAX_QUALITY_TABLES} more tables are in quality/quality/*.parquet."))
-    return Section("Quality without truth", folds)
+        yield Text(f"{len(grids) - _MAX_QUALITY_TABLES} more tables are in quality/quality/*.parquet.")
 
 
-def times(run: FinishedRun) -> Section:
-    """Return the time that each node's results took when they were made."""
-    found = [(name, manifest["stage"], _seconds(manifest)) for name, manifest in run.manifests.items()]
+def times(run: FinishedRun) -> Iterator[Block]:
+    """Yield the time that each node's results took when they were made, and the room that they take."""
+    found = [(name, run.manifests[name]["stage"], seconds) for name, seconds in node_seconds(run).items()]
     if not found:
-        return Section("Time", [Text("This run says nothing about time.")])
+        raise NothingToShow("this run says nothing about time.")
     total = sum(sum(seconds) for _, _, seconds in found)
     rows = [
-        [name, stage, str(len(seconds)), *_of_node(seconds), _percent(sum(seconds), total)]
+        [
+            name,
+            stage,
+            str(len(seconds)),
+            *_of_node(seconds),
+            _percent(sum(seconds), total),
+            _megabytes(run.folder / name),
+        ]
         for name, stage, seconds in found
     ]
-    columns = ["node", "stage", "shards", "all shards (s)", "mean (s)", "slowest shard (s)", "share (%)"]
+    columns = ["node", "stage", "shards", "all shards (s)", "mean (s)", "slowest shard (s)", "share (%)", "stored (MB)"]
     note = (
         f"Together {total / 3600:.2f} hours of work on {run.record.get('machine', 'an unknown machine')}; results that "
         "an earlier run made count with the time that they took then, and shards run side by side."
     )
-    return Section("Time", [Table(Grid("Time by node", columns, rows), note=note)])
+    share = columns.index("share (%)")
+    yield Table(Grid("Time and room by node", columns, rows), shaded=range(share, share + 1), note=note)
 
 
-def provenance(run: FinishedRun) -> Section:
-    """Return what it takes to make the run again, and to know that the results are the same."""
+def node_seconds(run: FinishedRun) -> dict[str, list[float]]:
+    """Return the time that each node's shards took when they were made."""
+    shards = {name: manifest.get("shards", {}).values() for name, manifest in run.manifests.items()}
+    return {name: [shard["seconds"] for shard in of_node] for name, of_node in shards.items()}
+
+
+def provenance(run: FinishedRun) -> Iterator[Block]:
+    """Yield what it takes to make the run again, and to know that the results are the same."""
     record = run.record
     if not record:
-        return Section("Provenance", [Text("This run has no run.json.")])
+        raise NothingToShow("this run's run.json is empty.")
     facts = [[name, value] for name, value in _facts(record)]
     digests = [[node, digest] for node, digest in record.get("digests", {}).items()]
     values = [[name, value] for name, value in _flat(record.get("config", {}))]
@@ -63,8 +76,9 @@ def provenance(run: FinishedRun) -> Section:
         "Parameters": Grid("As run.json has them", ["parameter", "value"], values),
         "Keys of the store's entries": Grid("As each node's manifest.json has them", ["shard", "node", "key"], keys),
     }
-    folds = [Fold(title, [Table(grid)]) for title, grid in folded.items()]
-    return Section("Provenance", [Table(Grid("Command and versions", ["what", "value"], facts)), *folds])
+    yield Table(Grid("Command and versions", ["what", "value"], facts))
+    for title, grid in folded.items():
+        yield Fold(title, [Table(grid)])
 
 
 def parameters(run: FinishedRun) -> list[tuple[str, str]]:
@@ -77,14 +91,15 @@ def _facts(record: Mapping[str, Any]) -> list[tuple[str, str]]:
     return facts + [(name, str(number)) for name, number in record.get("versions", {}).items()]
 
 
-def _seconds(manifest: Mapping[str, Any]) -> list[float]:
-    return [shard["seconds"] for shard in manifest.get("shards", {}).values()]
-
-
 def _of_node(seconds: list[float]) -> list[str]:
     if not seconds:
         return ["–"] * 3
     return [f"{value:.1f}" for value in (sum(seconds), sum(seconds) / len(seconds), max(seconds))]
+
+
+def _megabytes(node: Path) -> str:
+    """Return the size of a node's tables; what is no longer in the store does not count."""
+    return f"{sum(link.stat().st_size for link in node.glob('*/*.parquet') if link.exists()) / 1e6:.1f}"
 
 
 def _percent(part: float, whole: float) -> str:

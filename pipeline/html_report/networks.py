@@ -7,38 +7,37 @@ from assemblyhands_core.metrics.verbs import TABLE
 from pipeline.ego_evaluation import egocentric_grid, egocentric_rows
 from pipeline.finished import FinishedRun
 from pipeline.grids import Grid
-from pipeline.html_report.page import Block, Fold, Section, Table, Text
+from pipeline.html_report.page import Block, Fold, Table
+from pipeline.measured import NothingToShow
 from pipeline.paper import EGOCENTRIC_MM, VERBS
 from pipeline.verb_evaluation import verb_grid, verb_rows
 
 Rows = Sequence[Mapping[str, Any]]
 
 
-def egocentric(run: FinishedRun) -> Section:
-    """Return each network against each kind of labels, beside the paper's Table 4."""
+def egocentric(run: FinishedRun) -> Iterator[Block]:
+    """Yield each network against each kind of labels, beside the paper's Table 4."""
     rows = egocentric_rows(run.folder)
     if not rows:
-        return Section(
-            "Egocentric hands", [Text("This run has no egocentric network's figures: `predict`, `cross` do.")]
-        )
+        raise NothingToShow("this run has no egocentric network's figures: `predict`, `cross` do.")
     grid = egocentric_grid(rows)
     paper = [EGOCENTRIC_MM.get((row[0], row[1])) for row in grid.rows]
     lines = [[*row, "–" if mm is None else f"{mm:.2f}"] for row, mm in zip(grid.rows, paper, strict=True)]
-    beside = Grid(grid.title, [*grid.columns, "paper (mm)"], lines)
+    beside = Grid(grid.title, [*grid.columns, "paper, real data (mm)"], lines)
     note = "Paper: Table 4, SVEgoNet by what it was trained (Train-) and evaluated (Eval-) on; its best is 21.92 mm."
-    return Section("Egocentric hands", [Table(beside, note=note)])
+    yield Table(beside, note=note)
 
 
-def verbs(run: FinishedRun) -> Section:
-    """Return accuracies by source of poses, beside the paper's Table 5, and which verbs are taken for which."""
+def verbs(run: FinishedRun) -> Iterator[Block]:
+    """Yield accuracies by source of poses, beside the paper's Table 5, and which verbs are taken for which."""
     rows = verb_rows(run.folder)
     if not rows:
-        return Section("Verbs", [Text("This run has no figures about verbs: `verbs` and `train_verbs` do.")])
-    blocks: list[Block] = []
+        raise NothingToShow("this run has no figures about verbs: `verbs` and `train_verbs` do.")
     for name in dict.fromkeys(row["classifier"] for row in rows):
         own = [row for row in rows if row["classifier"] == name]
-        blocks += [Table(verb_grid(name, own)), Fold(f"Which verb is taken for which: {name}", list(_confusions(own)))]
-    return Section("Verbs", [*blocks, Table(VERBS, note="The paper's labels, people and split are its own.")])
+        yield Table(verb_grid(name, own))
+        yield Fold(f"Which verb is taken for which: {name}", list(_confusions(own)))
+    yield Table(VERBS, note="On real data: the paper's labels, people and split are its own.")
 
 
 def _confusions(rows: Rows) -> Iterator[Block]:

@@ -10,8 +10,8 @@ from assemblyhands_core.metrics.annotation import TABLE
 from assemblyhands_core.viz.figures import method_label
 from pipeline.finished import FinishedRun
 from pipeline.grids import Grid
-from pipeline.html_report.annotation import bound_last
-from pipeline.html_report.page import Block, Fold, Section, Table, Text
+from pipeline.html_report.annotation import bound_last, pool_title
+from pipeline.html_report.page import Block, Fold, Table, Text
 from pipeline.set_tables import figure_with_interval
 
 NOT_COMPARABLE: Final = (
@@ -28,13 +28,13 @@ _COLUMNS: Final = {
 }
 
 
-def summary(run: FinishedRun) -> Section:
-    """Return how much was found, how well where that is known, and what is not in the figures."""
-    blocks: list[Block] = [*_failures(run), *_judged(run), *_outcomes(run)]
-    if not blocks:
-        blocks = [Text("This run annotated nothing.")]
-    blocks.append(Text(NOT_COMPARABLE if run.is_synthetic else _OF_OTHERS, is_warning=True))
-    return Section("Summary", [*blocks, *_left_out(run)])
+def summary(run: FinishedRun) -> Iterator[Block]:
+    """Yield how much was found, how well where that is known, and what is not in the figures."""
+    yield Text(NOT_COMPARABLE if run.is_synthetic else _OF_OTHERS, is_warning=True)
+    yield from _failures(run)
+    found = [*_judged(run), *_outcomes(run)]
+    yield from found or [Text("This run annotated nothing.")]
+    yield from _left_out(run)
 
 
 def _judged(run: FinishedRun) -> Iterator[Block]:
@@ -53,7 +53,7 @@ def _judged(run: FinishedRun) -> Iterator[Block]:
             for method, metrics in found.items()
         ]
         if rows:
-            title = f"Coverage and errors, {pool.name}: {len(pool.errors)} sequences (95 % intervals)"
+            title = f"Coverage and errors, {pool_title(pool)} (95 % intervals)"
             yield Table(Grid(title, ["method", *_COLUMNS.values(), "joints labelled"], bound_last(rows)))
         for name in pool.left_out:
             yield Text(f"{name} is not in these figures: not all methods were evaluated there.")

@@ -6,7 +6,7 @@ from data (names, reasons, notes) is escaped by the template.
 
 import base64
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 from pathlib import Path
@@ -16,8 +16,9 @@ import jinja2
 from markupsafe import Markup
 
 from pipeline.grids import Grid, leading_number
+from pipeline.measured import NothingToShow
 
-MAX_PICTURE_BYTES: Final = 4_000_000
+MAX_PICTURE_BYTES: Final = 8_000_000
 """Of all pictures of a page together, as they stand in it."""
 MAX_ROWS: Final = 1000
 """Of a table."""
@@ -95,9 +96,10 @@ class Picture:
 
 @dataclass(frozen=True)
 class Drawings:
-    """Drawings side by side: SVG elements, which have to be safe, each with its caption."""
+    """Drawings side by side under a head: SVG elements, which have to be safe, each with its caption."""
 
     kind: ClassVar[str] = "drawings"
+    title: str
     drawings: Sequence[tuple[Markup, str]]
 
 
@@ -119,7 +121,7 @@ class Section:
 
     Attributes:
         title: Its head.
-        blocks: What it holds; where there is nothing, a sentence that says why.
+        blocks: What it holds.
     """
 
     title: str
@@ -151,6 +153,22 @@ class Page:
         script = _asset("page.js")
         digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
         return _template().render(page=bounded, style=_asset("page.css"), script=script, script_digest=digest)
+
+
+def sections(makers: Iterable[tuple[str, Callable[[], Iterable[Block]]]]) -> list[Section]:
+    """Return the sections that there is something for; the last one says of the others why there is nothing.
+
+    Args:
+        makers: Title of each section, and what makes its blocks or raises `NothingToShow`.
+    """
+    found, absent = [], dict[str, list[str]]()
+    for title, make in makers:
+        try:
+            found.append(Section(title, list(make())))
+        except NothingToShow as reason:
+            absent.setdefault(str(reason), []).append(title)
+    lines = [Text(f"{', '.join(titles)}: {reason}") for reason, titles in absent.items()]
+    return [*found, Section("Not on this page", lines)] if lines else found
 
 
 def _within_bounds(sections: Sequence[Section]) -> list[Section]:

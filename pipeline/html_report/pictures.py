@@ -1,4 +1,4 @@
-"""Pictures as data URIs: figures as PNG, photographs as JPEG."""
+"""Pictures as data URIs: figures as SVG, photographs as JPEG."""
 
 import base64
 import io
@@ -9,31 +9,33 @@ import cv2
 import numpy as np
 
 from assemblyhands_core.data.crop_images import encode_jpeg
+from assemblyhands_core.viz.figures import DPI
 from assemblyhands_core.viz.overlays import Image
 from pipeline.html_report.page import Picture
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_FIGURE_DPI: Final = 150  # sharp on paper, too
 _JPEG_QUALITY: Final = 85
 _MAX_WIDTH_PX: Final = 1500
 
 
 def from_figure(figure: "Figure", alt: str) -> Picture:
-    """Return a figure as a picture."""
+    """Return a figure as a picture that is sharp at any size, and the same whenever it is drawn."""
+    import matplotlib
+
     file = io.BytesIO()
-    figure.savefig(file, format="png", dpi=_FIGURE_DPI)
-    width_px = round(100 * figure.get_figwidth())
-    return Picture(_uri("image/png", file.getvalue()), alt, width_px=width_px)
+    with matplotlib.rc_context({"svg.hashsalt": "assemblyhands"}):
+        figure.savefig(file, format="svg", metadata={"Date": None})
+    return Picture(_uri("image/svg+xml", file.getvalue()), alt, width_px=round(DPI * figure.get_figwidth()))
 
 
-def from_image(image: Image, alt: str, caption: str = "") -> Picture:
+def from_image(image: Image, alt: str, caption: str = "", width_px: int | None = None) -> Picture:
     """Return an RGB image as a picture, smaller where it is wide."""
     scale = min(1.0, _MAX_WIDTH_PX / image.shape[1])
     size = round(image.shape[1] * scale), round(image.shape[0] * scale)
     smaller = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8) if scale < 1 else image
-    return Picture(_uri("image/jpeg", encode_jpeg(smaller, _JPEG_QUALITY)), alt, caption)
+    return Picture(_uri("image/jpeg", encode_jpeg(smaller, _JPEG_QUALITY)), alt, caption, width_px)
 
 
 def from_file(path: Path) -> Picture | None:

@@ -1,7 +1,7 @@
 """What the rounds did: how far their joints are from the 2D keypoints of each camera, and how far hands moved."""
 
 from collections import defaultdict
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
@@ -16,51 +16,42 @@ from assemblyhands_core.data.rounds import joints_or_nan
 from assemblyhands_core.hands.joints import JOINT_NAMES
 from pipeline.finished import FinishedRun
 from pipeline.grids import Grid
-from pipeline.html_report.page import Block, Fold, Section, Table, Text
-from pipeline.round_crops import round_nodes
+from pipeline.html_report.page import Block, Fold, Table, Text
+from pipeline.measured import NothingToShow
+from pipeline.round_crops import round_label, round_nodes
 
 MAX_SHARDS: Final = 64
 """Of a run are looked at for reprojection, evenly spread: its joints are projected anew."""
 _DECIMALS: Final = 2
 
 Distances = Mapping[tuple[str, str], np.ndarray]
-"""Node and camera → (hand, joint) distances in px, NaN where either side is unknown."""
+"""Round and camera → (hand, joint) distances in px, NaN where either side is unknown."""
 
 
-def reprojection(run: FinishedRun) -> Section:
-    """Return the median distance from projected joints to 2D keypoints by camera, joint and round."""
-    title = "Reprojection by camera, joint and round"
+def reprojection(run: FinishedRun) -> Iterator[Block]:
+    """Yield the median distance from projected joints to 2D keypoints by camera, joint and round."""
     files = _whole_shards(run.folder)
     if not files:
-        return Section(title, [Text("This run has no joints beside 2D keypoints.")])
+        raise NothingToShow("this run has no joints beside 2D keypoints.")
     looked_at = [files[index] for index in evenly_spread(len(files), MAX_SHARDS)]
     found = _distances(run, looked_at)
-    nodes, cameras = (list(dict.fromkeys(key[place] for key in found)) for place in (0, 1))
-    lead = (
+    rounds, cameras = (list(dict.fromkeys(key[place] for key in found)) for place in (0, 1))
+    yield Text(
         "Median distance (px of the camera's own video) from the projected joint to its 2D keypoint, over those "
         f"keypoints that took part; {len(looked_at)} of {len(files)} chunks, evenly spread."
     )
-    by_camera = [[camera, *(_median(found.get((node, camera))) for node in nodes)] for camera in sorted(cameras)]
-    num = [str(max(_num_known(found.get((node, row[0]))) for node in nodes)) for row in by_camera]
-    rows = [[*row, count] for row, count in zip(by_camera, num, strict=True)]
-    overall = Grid("Median reprojection by camera and round (px)", ["camera", *nodes, "n, most"], rows)
-    grids = {node: _joint_grid(node, found) for node in nodes}
-    folds = [
-        Fold(f"By camera and joint: {node}", [Table(grid, shaded=range(1, len(grid.columns)))])
-        for node, grid in grids.items()
-    ]
-    return Section(title, [Text(lead), Table(overall, shaded=range(1, len(nodes) + 1)), *folds])
+    rows = [_camera_row(camera, [found.get((name, camera)) for name in rounds]) for camera in sorted(cameras)]
+    overall = Grid("Median reprojection by camera and round (px)", ["camera", *rounds, "n, most"], rows)
+    yield Table(overall, shaded=range(1, len(rounds) + 1))
+    for name in rounds:
+        grid = _joint_grid(name, found)
+        yield Fold(f"By camera and joint: {name}", [Table(grid, shaded=range(1, len(grid.columns)))])
 
 
-def displacement(run: FinishedRun) -> Section:
-    """Return how far hands moved from each round to the next, and why some kept the joints they had."""
-    blocks: list[Block] = list(_displacements(run.folder))
-    return Section("From round to round", blocks or [Text("This run has no rounds after 2D + triangulation.")])
-
-
-def _displacements(run: Path) -> Iterator[Block]:
+def displacement(run: FinishedRun) -> Iterator[Block]:
+    """Yield how far hands moved from each round to the next, and why some kept the joints they had."""
     rows, kept = [], []
-    for node in round_nodes(run)[1:]:
+    for node in round_nodes(run.folder)[1:]:
         files = sorted((node / "rounds").glob("*.parquet"))
         columns = ["displacement_mm", "reason"]
         if not files:
@@ -74,10 +65,11 @@ def _displacements(run: Path) -> Iterator[Block]:
         rows.append([f"R{number - 1} → R{number}", *new, *quantiles])
         kept += [[f"R{number}", str(reason).replace("_", " "), str(count), f"{100 * count / len(rounds):.2f}"]
                  for reason, count in rounds.loc[~is_new, "reason"].value_counts().items()]  # fmt: skip
-    if rows:
-        columns = ["step", "new estimate (%)", "hands", "moved: median (mm)", "90 % within", "99 % within", "largest"]
-        note = "A hand's movement is the mean over its joints; R0 is 2D + triangulation."
-        yield Table(Grid("How far hands moved", columns, rows), note=note)
+    if not rows:
+        raise NothingToShow("this run has no rounds after 2D + triangulation.")
+    columns = ["step", "new estimate (%)", "hands", "moved: median (mm)", "90 % within", "99 % within", "largest"]
+    note = "A hand's movement is the mean over its joints; R0 is 2D + triangulation."
+    yield Table(Grid("How far hands moved", columns, rows), note=note)
     if kept:
         yield Table(Grid("Hands without a new estimate", ["round", "reason", "hands", "share (%)"], kept))
 
@@ -108,17 +100,21 @@ def _distances(run: FinishedRun, files: list[str]) -> Distances:
             pixels, _ = keypoints_by_view(keypoints, *place, joints.num_rows, len(cameras), least)
             apart_px = distances_px(joints_or_nan(joints), list(cameras.values()), pixels)
             for view, camera in enumerate(cameras):
-                parts[node.name, camera].append(apart_px[:, view].astype(np.float32))
+                parts[round_label(node), camera].append(apart_px[:, view].astype(np.float32))
     return {key: np.concatenate(of_key) for key, of_key in parts.items()}
 
 
-def _joint_grid(node: str, found: Distances) -> Grid:
-    cameras = sorted(camera for name, camera in found if name == node)
+def _camera_row(camera: str, by_round: Sequence[np.ndarray | None]) -> list[str]:
+    return [camera, *map(_median, by_round), str(max(map(_num_known, by_round)))]
+
+
+def _joint_grid(round_name: str, found: Distances) -> Grid:
+    cameras = sorted(camera for name, camera in found if name == round_name)
     rows = [
-        [name, *(_median(found[node, camera][:, joint]) for camera in cameras)]
-        for joint, name in enumerate(JOINT_NAMES)
+        [joint_name, *(_median(found[round_name, camera][:, joint]) for camera in cameras)]
+        for joint, joint_name in enumerate(JOINT_NAMES)
     ]
-    return Grid(f"Median reprojection by joint and camera, {node} (px)", ["joint", *cameras], rows)
+    return Grid(f"Median reprojection by joint and camera, {round_name} (px)", ["joint", *cameras], rows)
 
 
 def _median(values: np.ndarray | None) -> str:

@@ -1,6 +1,7 @@
 """Put a run's page together and write it."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -8,24 +9,25 @@ from rich.console import Console
 
 from pipeline.finished import FinishedRun
 from pipeline.html_report import annotation, instants, joints, making, networks, overview, rounds
-from pipeline.html_report.page import Page, Section
+from pipeline.html_report.page import Block, Page, sections
 
 FILE: Final = "report.html"
-_SECTIONS: Final[tuple[Callable[[FinishedRun], Section], ...]] = (
-    overview.summary,
-    annotation.annotation,
-    joints.joints,
-    annotation.sequences,
-    rounds.reprojection,
-    rounds.displacement,
-    instants.instants,
-    instants.drawn,
-    networks.egocentric,
-    networks.verbs,
-    making.quality,
-    making.times,
-    making.provenance,
-)
+_MAX_COMMAND: Final = 200  # letters of it under the head; provenance has all
+_PARTS: Final[Mapping[str, Callable[[FinishedRun], Iterable[Block]]]] = {
+    "Summary": overview.summary,
+    "Annotation against the truth": annotation.annotation,
+    "Error by joint": joints.joints,
+    "Sequences": annotation.sequences,
+    "Reprojection": rounds.reprojection,
+    "From round to round": rounds.displacement,
+    "Worst and random hands": instants.instants,
+    "Overlays": instants.drawn,
+    "Egocentric hands": networks.egocentric,
+    "Verbs": networks.verbs,
+    "Quality without truth": making.quality,
+    "Time and cost": making.times,
+    "Provenance": making.provenance,
+}
 
 
 def write_page(console: Console, run: FinishedRun) -> Path:
@@ -36,10 +38,11 @@ def write_page(console: Console, run: FinishedRun) -> Path:
 
 
 def run_page(run: FinishedRun) -> Page:
-    """Return the page of a run; a part that the run has nothing for says so in a sentence."""
-    command, ended, commit = (run.record.get(name, "unknown") for name in ("command", "time", "commit"))
-    lead = f"Command: `{command}`. Ended: {ended}. Commit: {commit}."
-    return Page(f"Run {run.name}", lead, [section(run) for section in _SECTIONS])
+    """Return the page of a run; of a part that the run has nothing for, a line says why."""
+    command, ended, commit = (str(run.record.get(name, "unknown")) for name in ("command", "time", "commit"))
+    shown = command if len(command) <= _MAX_COMMAND else f"{command[:_MAX_COMMAND]}…"
+    lead = f"Command: `{shown}`. Ended: {ended}. Commit: {commit}."
+    return Page(f"Run {run.name}", lead, sections((title, partial(part, run)) for title, part in _PARTS.items()))
 
 
 def save(console: Console, page: Page, path: Path) -> Path:

@@ -1,6 +1,7 @@
 import numpy as np
 import pyarrow as pa
 import pytest
+from error_tables import ego_errors_table
 
 from assemblyhands_core.data.catalog import EGO_ERRORS, EVALUATION
 from assemblyhands_core.metrics.annotation import Cell, Resampling
@@ -9,33 +10,12 @@ from assemblyhands_core.metrics.egocentric import evaluate_egocentric
 RESAMPLING = Resampling(block_frames=2, num_resamples=200, seed=0)
 
 
-def _errors(count: int = 8) -> pa.Table:
-    """Crops of two cameras; errors grow by a millimetre a crop, the wrist's are 0, the last crop was not found."""
-    error_mm = np.tile(np.arange(1.0, count + 1)[:, None], (1, 21))
-    error_mm[:, 20] = 0.0
-    error_mm[-1] = np.nan
-    return EGO_ERRORS.build(
-        {
-            "sequence_id": ["s"] * count,
-            "frame": np.arange(count),
-            "hand": ["right", "left"] * (count // 2),
-            "camera_id": ["a"] * (count // 2) + ["b"] * (count // 2),
-            "labels": ["manual"] * count,
-            "verb": ["screw"] * 2 + [""] * (count - 2),
-            "error_mm": error_mm,
-            "is_labelled": np.ones((count, 21), dtype=bool),
-            "is_identity_right": np.arange(count) % 4 != 0,
-            "border_px": np.linspace(0, 140, count),
-        }
-    )
-
-
 def _evaluate(errors: pa.Table) -> dict[tuple[str, str, str, str], Cell]:
     return {(c.table, c.group, c.row, c.metric): c for c in evaluate_egocentric(errors, RESAMPLING)}
 
 
 def test_figures_by_hand() -> None:
-    found = _evaluate(_errors())
+    found = _evaluate(ego_errors_table())
     whole = {
         metric: found["ego", "", "manual", metric] for metric in ("wrist_relative_mpjpe_mm", "pck_auc", "coverage")
     }
@@ -52,7 +32,7 @@ def test_figures_by_hand() -> None:
 
 
 def test_groups_are_told_apart_and_every_line_fits_the_table() -> None:
-    found = _evaluate(_errors())
+    found = _evaluate(ego_errors_table())
     mean = {key[:2]: cell.value * 21 / 20 for key, cell in found.items() if key[3] == "wrist_relative_mpjpe_mm"}
     assert mean["ego_by_camera", "a"] == pytest.approx(2.5) and mean["ego_by_camera", "b"] == pytest.approx(6.0)
     assert mean["ego_by_hand", "right"] == pytest.approx(4.0)
@@ -64,7 +44,7 @@ def test_groups_are_told_apart_and_every_line_fits_the_table() -> None:
 
 
 def test_labels_are_not_mixed_and_nothing_gives_nothing() -> None:
-    automatic = _errors().set_column(4, "labels", pa.array(["automatic"] * 8))
-    both = pa.concat_tables([_errors(), automatic.cast(_errors().schema)])
+    automatic = ego_errors_table().set_column(4, "labels", pa.array(["automatic"] * 8))
+    both = pa.concat_tables([ego_errors_table(), automatic.cast(ego_errors_table().schema)])
     rows = {cell.row for cell in evaluate_egocentric(both, RESAMPLING)}
     assert rows == {"manual", "automatic", "both"} and evaluate_egocentric(EGO_ERRORS.empty(), RESAMPLING) == []

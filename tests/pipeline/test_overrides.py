@@ -2,7 +2,7 @@ import hydra
 import pytest
 
 from pipeline.config import CONF_FOLDER
-from pipeline.overrides import literal, stray_word
+from pipeline.overrides import literal, name_runs, stray_word
 
 
 @pytest.mark.parametrize(
@@ -38,3 +38,9 @@ def test_a_word_that_is_no_parameter_is_found() -> None:
     assert stray_word(["seq=one", "-m", "triangulate"]) == "triangulate"
     assert stray_word(["seq=one", "-m", "~gc"]) is None
     assert stray_word(["--cfg", "job"]) is None
+
+
+def test_words_that_name_runs_become_parameters() -> None:
+    assert name_runs(["a", "b", "workspace=/w"]) == ["run=a", "other=b", "workspace=/w"]
+    assert name_runs(["run=a", "other=b"]) == ["run=a", "other=b"]
+    assert name_runs(["a"]) == ["run=a"] and stray_word(name_runs(["a", "b", "c"])) == "c"

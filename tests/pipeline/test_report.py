@@ -15,6 +15,7 @@ from rich.console import Console
 from assemblyhands_core.data.rounds import WindowRule
 from pipeline import report
 from pipeline.config import RunConfig
+from pipeline.dag import build_dag
 from pipeline.evaluation import POOLED
 from pipeline.report import write_report
 from stages.evaluate import UPPER_BOUND
@@ -27,7 +28,8 @@ def _report(run: Path, target: str = "evaluate", kinds: dict[str, str] | None = 
     text = io.StringIO()
     annotating = SimpleNamespace(window_rule=lambda: WindowRule(gamma=1.5, min_joints=11, min_inside=0.5))
     stages = {"evaluate": CONFIG, "annotate_round": annotating}
-    config = SimpleNamespace(target=target, stages=stages, rig=SimpleNamespace(calibration="rig.json"))
+    dag, rig = build_dag(1), SimpleNamespace(calibration="rig.json")
+    config = SimpleNamespace(target=target, stages=stages, rig=rig, dag=dag, wanted_nodes=dag.targets[target])
     write_report(Console(file=text, width=40), cast(RunConfig, config), run, kinds or {})
     return text.getvalue()
 
@@ -159,7 +161,9 @@ def test_sequences_that_have_no_method_in_common_are_not_pooled(tmp_path: Path) 
 
 def test_only_who_asks_for_an_evaluation_gets_a_report(tmp_path: Path) -> None:
     write_rounds(tmp_path, "monday", 0, [(0, 5, 6)])
-    assert _report(tmp_path, target="annotate") == "" and not (tmp_path / "report").exists()
+    assert _report(tmp_path, target="export") == "" and not (tmp_path / "report").exists()
+    said = _report(tmp_path, target="annotate")
+    assert said == f"report: {tmp_path / 'report' / 'report.html'}\n", "what is measured without truth stands there"
     assert "crops_by_round.png" in _report(tmp_path) and (tmp_path / "report" / "crops_by_round.png").exists()
 
 

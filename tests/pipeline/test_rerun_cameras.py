@@ -5,32 +5,14 @@ from pathlib import Path
 import headset
 import numpy as np
 import pytest
-from finished_run import write_table
 from rerun_rows import read_rerun_file
 
-from assemblyhands_core.data.catalog import CHUNKS, EGO_BOXES, EGO_FRAMES, JOINTS, RECTIFIED_VIEWS, VIEWS
 from assemblyhands_core.data.crop_images import decode_image
 from assemblyhands_core.hands.joints import WRIST
 from assemblyhands_core.synthetic.rig import Rig, assembly_rig
 from pipeline.config import ViewConfig
 from pipeline.rerun_scene import write_scene
 from pipeline.sequence_tables import SequenceTables
-
-_SPECS = {"views": VIEWS, "chunks": CHUNKS, "frames": EGO_FRAMES, "boxes": EGO_BOXES, "joints": JOINTS}
-
-
-def _write_run(run: Path, rig: Rig, joints: np.ndarray) -> SequenceTables:
-    """Write the run of a recording that has a headset alone."""
-    files = run.with_name("files")
-    for folder in (run, files):
-        folder.mkdir()
-    tables = headset.ingested(headset.write_headset(files, rig, joints), run)
-    for name, spec in _SPECS.items():
-        table = headset.annotation(joints) if name == "joints" else tables[name]
-        write_table(run / "ingest_ego" / name / f"{headset.RECORDING}.parquet", spec, table)
-    rectified = tables["rectified_views"]
-    write_table(run / "undistort_ego" / "rectified_views" / f"{headset.RECORDING}.parquet", RECTIFIED_VIEWS, rectified)
-    return SequenceTables(run, headset.RECORDING)
 
 
 @pytest.fixture(scope="module")
@@ -40,7 +22,8 @@ def rig() -> Rig:
 
 def test_the_headset_moves_and_its_pictures_show_what_the_camera_projects(tmp_path: Path, rig: Rig) -> None:
     joints = headset.hands_before(next(iter(rig.ego_at(headset.heads()[0]).values())))
-    tables = _write_run(tmp_path / "run", rig, joints)
+    headset.write_run(tmp_path / "run", rig, joints)
+    tables = SequenceTables(tmp_path / "run", headset.RECORDING)
     said = write_scene(tmp_path / "a.rrd", tables, ViewConfig(max_side_px=318), 0.1, truth=None)
     assert "4 of 4 frames; 1 cameras; rectified pictures of 318×240 px; joints of ingest_ego" in said
     name, found = next(iter(rig.ego)), read_rerun_file(tmp_path / "a.rrd")

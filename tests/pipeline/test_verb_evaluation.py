@@ -2,43 +2,14 @@
 
 import csv
 import io
-import json
 from pathlib import Path
 
 import numpy as np
-import pyarrow as pa
-from finished_run import write_table
+from finished_run import write_verb_table
 from rich.console import Console
 
-from assemblyhands_core.data.catalog import EVALUATION
-from assemblyhands_core.metrics.verbs import VerbEvaluation, evaluate_verbs
 from pipeline.set_tables import figure_with_interval
 from pipeline.verb_evaluation import print_verbs
-
-VERBS = ("pick up", "screw")
-
-
-def _write_table(run: Path, node: str) -> None:
-    """Our annotation tells three of four segments right, SVEgoNet two."""
-    said = {"annotation": ("pick up", "pick up", "screw", "pick up"), "svegonet": ("pick up", "screw", "screw", "")}
-    rows = [
-        {
-            "sequence_id": "a",
-            "segment": number,
-            "source": source,
-            "predicted": predicted,
-            "coverage": 100.0,
-            "verb": ("pick up", "pick up", "screw", "screw")[number],
-            "confidence": 0.5,
-            "pose_error_mm": 7.0,
-        }
-        for source, all_said in said.items()
-        for number, predicted in enumerate(all_said)
-    ]
-    cells = evaluate_verbs(pa.Table.from_pylist(rows), VerbEvaluation(VERBS, "annotation", "recording", 100, 0))
-    metrics = EVALUATION.from_rows([{"sequence_id": "all", **cell._asdict()} for cell in cells])
-    write_table(run / node / "metrics" / "all.parquet", EVALUATION, metrics)
-    (run / node / "manifest.json").write_text(json.dumps({"tables": ["metrics"]}))
 
 
 def _printed(run: Path) -> str:
@@ -48,7 +19,7 @@ def _printed(run: Path) -> str:
 
 
 def test_sources_stand_below_one_another_with_accuracy_and_pose_error(tmp_path: Path) -> None:
-    _write_table(tmp_path, "verb_table")
+    write_verb_table(tmp_path, "verb_table")
     lines = {line.split("│")[1].strip(): line for line in _printed(tmp_path).splitlines() if "│" in line}
     cells = {name: [cell.strip() for cell in line.split("│")[2:-1]] for name, line in lines.items()}
     assert cells["annotation"] == ["100", "50", "75.0", "75.0", "–", "7.0", "4"]
@@ -61,8 +32,8 @@ def test_sources_stand_below_one_another_with_accuracy_and_pose_error(tmp_path: 
 
 def test_each_kind_of_network_and_labels_has_its_own_table_and_without_any_nothing_is_said(tmp_path: Path) -> None:
     assert _printed(tmp_path) == "" and not (tmp_path / "report").exists()
-    _write_table(tmp_path, "verb_table_manual")
-    _write_table(tmp_path, "own_verb_table")
+    write_verb_table(tmp_path, "verb_table_manual")
+    write_verb_table(tmp_path, "own_verb_table")
     said = _printed(tmp_path)
     assert said.index("shipped network, people's labels") < said.index("trained on each source, our annotation")
 

@@ -7,7 +7,15 @@ import cv2
 import numpy as np
 import pytest
 
-from assemblyhands_core.viz.figures import PckCurve, RoundError, pck_figure, round_figure, save_figure
+from assemblyhands_core.viz.figures import (
+    Change,
+    PckCurve,
+    RoundError,
+    change_figure,
+    pck_figure,
+    round_figure,
+    save_figure,
+)
 from assemblyhands_core.viz.overlays import FINGER_COLORS
 
 THRESHOLDS_MM = np.linspace(0.0, 20.0, 5)
@@ -117,7 +125,21 @@ def test_a_figure_is_saved_at_100_dpi_and_twice_alike(tmp_path: Path) -> None:
     assert orange.sum() > 500 and -1.0 < slope < -0.4
 
 
+def test_differences_stand_below_one_another_with_their_intervals() -> None:
+    changes = [Change("R1", -0.5, -0.6, -0.3), Change("R1, thumb", 0.1, -0.1, 0.4)]
+    (axes,) = change_figure(changes, "MPJPE (mm): a − b", "synthetic recordings").axes
+    zero, points = axes.lines[0], axes.lines[-1]
+    assert set(zero.get_xdata()) == {0} and list(points.get_xdata()) == [-0.5, 0.1]
+    assert [label.get_text() for label in axes.get_yticklabels()] == ["R1", "R1, thumb"]
+    bars = [bar[:, 0].tolist() for bar in _intervals(axes)]
+    np.testing.assert_allclose(bars, [[-0.6, -0.3], [-0.1, 0.4]], atol=1e-12)
+    assert axes.get_ylim()[0] > axes.get_ylim()[1], "the first one stands on top"
+    assert axes.get_xlabel() == "MPJPE (mm): a − b" and "synthetic recordings" in axes.get_title()
+
+
 def test_figures_that_show_nothing_are_refused() -> None:
+    with pytest.raises(ValueError, match="at least one"):
+        change_figure([], "mm", "synthetic recordings")
     with pytest.raises(ValueError, match="at least one method"):
         pck_figure([], "x")
     with pytest.raises(ValueError, match="at least two methods, got R1"):

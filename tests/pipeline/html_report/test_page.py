@@ -1,6 +1,8 @@
 """How blocks become a page: escaped, bounded, whole."""
 
 import re
+from collections.abc import Iterator
+from functools import partial
 
 import pytest
 from markupsafe import Markup
@@ -8,6 +10,7 @@ from markupsafe import Markup
 from pipeline.grids import Grid
 from pipeline.html_report import page as pages
 from pipeline.html_report.page import Drawings, Fold, Page, Picture, Section, Table, Text
+from pipeline.measured import NothingToShow
 
 HOSTILE = "</script><script>hostile()</script>\"'><img src=x onerror=hostile()>"
 
@@ -18,7 +21,10 @@ def _html(*blocks: pages.Block) -> str:
 
 def test_whatever_comes_from_data_is_escaped() -> None:
     table = Table(Grid(HOSTILE, [HOSTILE, HOSTILE], [[HOSTILE, HOSTILE]]), note=HOSTILE)
-    picture, drawing = Picture("data:image/png;base64,", HOSTILE, HOSTILE), Drawings([(Markup("<svg></svg>"), HOSTILE)])
+    picture, drawing = (
+        Picture("data:image/png;base64,", HOSTILE, HOSTILE),
+        Drawings(HOSTILE, [(Markup("<svg></svg>"), HOSTILE)]),
+    )
     blocks = [Text(HOSTILE), Text(f"`{HOSTILE}`"), table, picture, drawing, Fold(HOSTILE, [Text(HOSTILE)])]
     html = Page(HOSTILE, HOSTILE, [Section(HOSTILE, blocks)]).render()
     assert html.count("<script>") == html.count("</script>") == 1 and "<img src=x" not in html
@@ -59,6 +65,19 @@ def test_long_tables_and_too_many_pictures_are_cut_with_a_sentence(monkeypatch: 
     )
     assert 'alt="first"' in html and 'alt="second"' not in html and 'alt="third"' in html
     assert "Left out, since the pictures of a page are held below 0.0001 MB: second" in html
+
+
+def test_parts_without_anything_are_named_at_the_end_with_the_reason() -> None:
+    def nothing(reason: str) -> Iterator[pages.Block]:
+        raise NothingToShow(reason)
+
+    makers = {name: partial(nothing, why) for name, why in {"a": "none.", "b": "gone.", "c": "none."}.items()}
+    found = pages.sections([*makers.items(), ("d", lambda: [Text("there")])])
+    assert found == [
+        Section("d", [Text("there")]),
+        Section("Not on this page", [Text("a, c: none."), Text("b: gone.")]),
+    ]
+    assert pages.sections([("d", lambda: [Text("there")])]) == found[:1]
 
 
 def test_code_stands_between_backticks() -> None:
