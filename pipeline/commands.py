@@ -43,7 +43,7 @@ from pipeline.work import SequenceWork, member_rows, possible_nodes, with_set
 
 _MAX_REPAIRS = 20  # each round finds what is damaged one node further
 _PLAIN_WIDTH = 140  # of lines that go to a file or a pipe
-_READING = {"fsck": fsck, "report": report_again, "compare": compare_runs, "view": write_rerun_views}  # of what is there already
+_READING = {"fsck": fsck, "report": report_again, "compare": compare_runs, "view": write_rerun_views}  # what is there
 
 
 def execute(command: str, config: RunConfig, command_line: str) -> int:

@@ -60,3 +60,6 @@ def test_bring_your_own_rig_goes_from_files_to_pictures(judged: Any, tmp_path: P
     assert 0 <= frame < NUM_FRAMES and num_hands == 2 * NUM_FRAMES and shown.num_pictures == 2
     assert Path(run) == tmp_path / "work/runs/own_rig" and "joints in 3D, round_0" in shown.shown
     assert "python -m pipeline doctor" in shown.printed and "python -m pipeline annotate" in shown.printed
+    without_truth = {"ASSEMBLYHANDS_WORK": str(tmp_path / "work"), "ASSEMBLYHANDS_RUN": "own_rig"}
+    shown = run_notebook("inspect_annotations.ipynb", NOTEBOOKS, without_truth, "[SEQUENCE, methods, len(worst)]")
+    assert shown.values == ["monday", [], 0] and "no truth is known" in shown.printed and shown.num_pictures >= 2
