@@ -49,8 +49,8 @@ def write_scene(
         _add_curves(file, frames, layers)
         for camera in cameras:
             camera.add_to(file, frames)
-            if config.pictures and len(frames):
-                _add_pictures(file, frames, camera, config.jpeg_quality)
+        for camera in cameras if config.pictures and len(frames) else ():  # what is large comes last
+            _add_pictures(file, frames, camera, config.jpeg_quality)
         file.layout([camera.path for camera in cameras], _shown(layers), look_at_hands(_all_joints(layers), fixed, up))
     return _sentence(tables.sequence_id, frames, num_frames, cameras, layers, config)
 
