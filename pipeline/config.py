@@ -74,6 +74,7 @@ class RunConfig(_Model):
     release: Path | None
     hands2023_template: Path | None = None
     workspace: Path
+    corrections: Path | None = None
     run: str
     other: str = ""
     ego_network: Literal["shipped", "trained"] = "shipped"

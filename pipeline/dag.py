@@ -4,6 +4,7 @@ from typing import Any, Final
 
 from pipeline.graph import (
     ACTION_EDGE,
+    CORRECTION_EDGE,
     CROP_EDGE,
     EGO_EDGE,
     JUDGED_EDGE,
@@ -39,6 +40,7 @@ from stages import (
     predict_ego,
     preview_recording,
     project_ego,
+    read_corrections,
     read_labels,
     script_take,
     smooth_joints,
@@ -173,7 +175,20 @@ def _add_annotation(dag: Dag) -> None:
         crops="crop_hands.crops",
         body_keypoints="detect_hands.body_keypoints",
     )
-    dag.add("round_0", triangulate.STAGE, views="ingest.views", keypoints="detect_keypoints.keypoints")
+    dag.add(
+        "corrections",
+        read_corrections.STAGE,
+        sources=CORRECTION_EDGE,
+        chunks="ingest.chunks",
+        views="ingest.views",
+    )
+    dag.add(
+        "round_0",
+        triangulate.STAGE,
+        views="ingest.views",
+        keypoints="detect_keypoints.keypoints",
+        corrections="corrections.corrections",
+    )
 
 
 def _add_rounds(dag: Dag, num_rounds: int) -> None:
@@ -183,10 +198,11 @@ def _add_rounds(dag: Dag, num_rounds: int) -> None:
     Round 1 is there even where none is wanted, so that the parameters of its stage are known.
     """
     for number in range(1, max(num_rounds, 1) + 1):
-        _add_round(dag, f"round_{number}", "round_0", f"round_{number - 1}", f"round_{max(number - 2, 0)}")
+        joints = "round_0", f"round_{number - 1}", f"round_{max(number - 2, 0)}"
+        _add_round(dag, f"round_{number}", *joints, corrections="corrections.corrections")
 
 
-def _add_round(dag: Dag, name: str, first: str, before: str, earlier: str) -> None:
+def _add_round(dag: Dag, name: str, first: str, before: str, earlier: str, **more: str) -> None:
     dag.add(
         name,
         annotate_round.STAGE,
@@ -198,6 +214,7 @@ def _add_round(dag: Dag, name: str, first: str, before: str, earlier: str) -> No
         triangulated=f"{first}.joints",
         joints=f"{before}.joints",
         earlier_joints=f"{earlier}.joints",
+        **more,
     )
 
 

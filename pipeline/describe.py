@@ -7,6 +7,7 @@ import pyarrow as pa
 from assemblyhands_core.data.tables import TableSpec
 from pipeline.graph import (
     ACTION_EDGE,
+    CORRECTION_EDGE,
     CROP_EDGE,
     EGO_EDGE,
     JUDGED_EDGE,
@@ -23,6 +24,7 @@ _ORIGINS = {
     EGO_EDGE: "the headset's files",
     LABEL_EDGE: "the recording's annotations",
     ACTION_EDGE: "the recording's fine-grained labels",
+    CORRECTION_EDGE: "keypoints that people set by hand",
     MEMBER_EDGE: "the manifest's sequences and splits",
     JUDGED_EDGE: "where no network of the run learns from it",
     TAKE_EDGE: "the manifest's order",

@@ -1,7 +1,7 @@
 """What a DAG of stages is: nodes, the edges between them, what comes from outside, and the rules that it keeps to."""
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 from assemblyhands_core.data.catalog import CHUNKS, MEMBERS, SOURCES
@@ -17,12 +17,14 @@ JUDGED_EDGE: Final = "judged"  # there for a sequence that networks are judged b
 TRUTH_EDGE: Final = "truth"  # files of the recording's ground truth, which evaluation alone may read
 ACTION_EDGE: Final = "action_sources"  # what is being done when, as a file of fine-grained labels says
 EGO_EDGE: Final = "ego_sources"  # the headset's own files, so that the fixed cameras' results do not depend on them
+CORRECTION_EDGE: Final = "correction_sources"  # which 2D keypoints people set by hand, as a file says
 CROP_EDGE: Final = "crop_orders"  # which crops the studio is to draw for training, as the manifest orders it
 ORIGINS: Final[Mapping[str, TableSpec]] = {
     SOURCE_EDGE: SOURCES,
     EGO_EDGE: SOURCES,
     LABEL_EDGE: SOURCES,
     ACTION_EDGE: SOURCES,
+    CORRECTION_EDGE: SOURCES,
     MEMBER_EDGE: MEMBERS,
     JUDGED_EDGE: MEMBERS,
     TAKE_EDGE: TAKES,
@@ -58,6 +60,18 @@ class Node:
         """Return the nodes that this one reads from."""
         return tuple(self.upstream_stages)
 
+    def lost_roles(self, nodes: Collection[str], edges: Collection[str]) -> frozenset[str]:
+        """Return the roles that nothing fills without some nodes and some of `ORIGINS`."""
+        lost = {role for role, edge in self.inputs.items() if edge in edges or edge.partition(".")[0] in nodes}
+        return frozenset(lost)
+
+    def without(self, roles: Collection[str]) -> "Node":
+        """Return the node as it is where nothing fills some of its optional roles."""
+        inputs = {role: edge for role, edge in self.inputs.items() if role not in roles}
+        sources = {edge.partition(".")[0] for edge in inputs.values()}
+        upstream = {name: stage for name, stage in self.upstream_stages.items() if name in sources}
+        return replace(self, inputs=inputs, upstream_stages=upstream)
+
 
 class Dag:
     """Nodes in the order in which they were added; every edge points back."""
@@ -68,6 +82,8 @@ class Dag:
 
     def add(self, name: str, stage: Stage[Any], **inputs: str) -> None:
         """Add a node; ``inputs`` maps each role of the stage to ``"node.output"`` or one of ``ORIGINS``.
+
+        Optional roles may be left out.
 
         Raises:
             ValueError: on a repeated name, an unknown or missing role, a forward reference or the wrong table.
@@ -81,7 +97,7 @@ class Dag:
     def _add(self, name: str, stage: Stage[Any], inputs: Mapping[str, str], shard: Sharding) -> None:
         if name in self.nodes:
             raise ValueError(f"node {name} is added twice")
-        if set(inputs) != set(stage.inputs):
+        if not set(stage.inputs) - stage.optional <= set(inputs) <= set(stage.inputs):
             raise ValueError(
                 f"node {name}: stage {stage.name} has the roles {sorted(stage.inputs)}, not {sorted(inputs)}"
             )
@@ -94,17 +110,20 @@ class Dag:
         self.nodes[name] = Node(name, stage, inputs, upstream, shard, chunk_edge)
 
     def upto(self, targets: tuple[str, ...], absent: Collection[str] = ()) -> list[Node]:
-        """Return the nodes that the targets need, in order; not those that an absent origin of ``ORIGINS`` leads to."""
-        impossible: set[str] = set()
+        """Return the nodes that the targets need, in order; not those that an absent origin of ``ORIGINS`` leads to.
+
+        Where it leads to optional roles alone, the nodes are there without these.
+        """
+        possible: dict[str, Node] = {}
         for node in self.nodes.values():
-            is_without = impossible.intersection(node.upstream) or not set(absent).isdisjoint(node.inputs.values())
-            if is_without and node.shard != "set":  # others may bring what a set needs
-                impossible.add(node.name)
-        wanted = set(targets) - impossible
-        for node in reversed(self.nodes.values()):
+            lost = node.lost_roles(set(self.nodes) - set(possible), absent)
+            if lost <= node.stage.optional or node.shard == "set":  # others may bring what a set needs
+                possible[node.name] = node.without(lost & node.stage.optional)
+        wanted = set(targets).intersection(possible)
+        for node in reversed(possible.values()):
             if node.name in wanted:
-                wanted.update(set(node.upstream) - impossible)
-        return [node for node in self.nodes.values() if node.name in wanted]
+                wanted.update(set(node.upstream).intersection(possible))
+        return [node for node in possible.values() if node.name in wanted]
 
     def reads(self, edge: str, targets: tuple[str, ...]) -> bool:
         """Tell whether targets start from one of `ORIGINS`."""

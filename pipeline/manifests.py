@@ -14,7 +14,7 @@ MANIFESTS: Final = Path(__file__).resolve().parents[1] / "data_manifests"
 _DEFAULTS: Final = ("demo.csv", "synthetic_tiny.csv")
 _COLUMNS: Final = ("sequence_id", "split", "calibration", "videos", "package")
 _OPTIONAL: Final = (
-    "keypoints", "ground_truth", "labels", "actions", "ego_calibration", "ego_videos",
+    "keypoints", "ground_truth", "labels", "actions", "ego_calibration", "ego_videos", "corrections",
     "rig", "duration_s", "rate_hz",
 )  # fmt: skip
 _MAX_LISTED: Final = 10

@@ -89,11 +89,24 @@ def _why_task(work: SequenceWork, task: Task, store: Store, history: History) ->
 def explain(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
     """Return what differs between two shards' key parts, e.g. ``max_reprojection_px 10.0 → 8.0``."""
     found = [f"{part} {old[part]} → {new[part]}" for part in ("stage", "version") if old[part] != new[part]]
+    changed_roles = set(old["inputs"]) ^ set(new["inputs"])  # their tables say nothing more
     for part in ("config", "externals", "tables"):
         before, after = old[part], new[part]
         names = sorted(name for name in {**before, **after} if before.get(name) != after.get(name))
+        names = [name for name in names if part != "tables" or name not in changed_roles]
         found += [f"{name} {_short(before.get(name, 'unset'))} → {_short(after.get(name, 'unset'))}" for name in names]
-    return found + [f"input {role} differs" for role in new["inputs"] if old["inputs"].get(role) != new["inputs"][role]]
+    roles = dict.fromkeys([*new["inputs"], *old["inputs"]])
+    return found + [
+        f"input {role} {change}" for role in roles if (change := _change(old["inputs"], new["inputs"], role))
+    ]
+
+
+def _change(old: Mapping[str, Any], new: Mapping[str, Any], role: str) -> str:
+    if role not in old:
+        return "is new"
+    if role not in new:
+        return "is gone"
+    return "" if old[role] == new[role] else "differs"
 
 
 def _short(value: Any) -> str:

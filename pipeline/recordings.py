@@ -13,7 +13,7 @@ from assemblyhands_core.data.layout import DatasetLayout
 from assemblyhands_core.data.packages import PackageError, fetch_package
 from assemblyhands_core.data.split_files import ACTIONS_SHARE, EGO_SHARE, JOINTS_SHARE
 from pipeline.config import RunConfig, UserError
-from pipeline.graph import ACTION_EDGE, EGO_EDGE, LABEL_EDGE, SOURCE_EDGE, TRUTH_EDGE
+from pipeline.graph import ACTION_EDGE, CORRECTION_EDGE, EGO_EDGE, LABEL_EDGE, SOURCE_EDGE, TRUTH_EDGE
 from pipeline.manifests import MANIFESTS, ManifestRow, checked_name, select_rows
 from pipeline.takes import CROPS_PACKAGE, HEADSET, STUDIO_PACKAGE, studio_folder
 
@@ -37,6 +37,7 @@ class Recording:
         ego_videos: the headset's raw videos by camera name.
         ego_images: the list of its rectified pictures instead, an AssemblyHands `ego_data` file; None without any.
         ego_image_folder: the folder of its pictures.
+        corrections: 2D keypoints that people set by hand, see `correction_file`; None where nobody did.
         actions: what is being done when, a fine-grained CSV file of Assembly101; None where nobody says.
         label_name: how keys of the labels count, see `label_rows.FROM_FIRST_KEY`.
         split: what it is for: train, val, test; empty where nobody says.
@@ -53,6 +54,7 @@ class Recording:
     ego_videos: Mapping[str, Path] = field(default_factory=dict)
     ego_images: Path | None = None
     ego_image_folder: Path | None = None
+    corrections: Path | None = None
     actions: Path | None = None
     label_name: str = "joint_3d"
     split: str = ""
@@ -67,6 +69,7 @@ class Recording:
         return {
             SOURCE_EDGE: self._rows(self._rig_files(), digests),
             LABEL_EDGE: self._rows(self._label_files(), digests),
+            CORRECTION_EDGE: self._rows(self._correction_files(), digests),
             ACTION_EDGE: self._rows(self._timed_action_files(), digests),
             EGO_EDGE: self._rows(self._ego_files(), digests),
             TRUTH_EDGE: self._rows(true, digests),
@@ -80,6 +83,10 @@ class Recording:
     def _label_files(self) -> Iterator[tuple[str, str, Path]]:
         if self.labels is not None:
             yield "labels", self.label_name, self.labels
+
+    def _correction_files(self) -> Iterator[tuple[str, str, Path]]:
+        if self.corrections is not None:
+            yield "corrections", "corrections", self.corrections
 
     def _action_files(self) -> Iterator[tuple[str, str, Path]]:
         if self.actions is not None:
@@ -126,8 +133,27 @@ def select_recordings(config: RunConfig) -> list[Recording]:
     if (config.rig.calibration is None) != (config.rig.videos is None):
         raise UserError("a rig of one's own takes both rig.calibration=PATH and rig.videos='GLOB'")
     if config.rig.calibration is not None and config.rig.videos is not None:
-        return [_recording(checked_name(config.seq), Path(config.rig.calibration), config.rig.videos)]
-    return [_from_manifest(row, config) for row in select_rows(config)]
+        name = checked_name(config.seq)
+        found = _recording(name, Path(config.rig.calibration), config.rig.videos)
+        return [replace(found, corrections=_existing(corrections_file(config, name)))]
+    return [replace(_from_manifest(row, config), corrections=_corrections(row, config)) for row in select_rows(config)]
+
+
+def corrections_file(config: RunConfig, sequence_id: str) -> Path | None:
+    """Return where a sequence's corrections are, or would be; None where none are to be used."""
+    return None if config.corrections is None else config.corrections.absolute() / f"{sequence_id}.csv"
+
+
+def _corrections(row: ManifestRow, config: RunConfig) -> Path | None:
+    """Return a row's corrections: those that the manifest names, or else those in the folder of them."""
+    if config.corrections is None:
+        return None
+    named = _optional_file(Path(row["folder"]), row, "corrections")
+    return named or _existing(corrections_file(config, row["sequence_id"]))
+
+
+def _existing(path: Path | None) -> Path | None:
+    return path if path is not None and path.is_file() else None
 
 
 def synthetic_sequences(config: RunConfig) -> frozenset[str]:

@@ -89,14 +89,15 @@ Upstream = Mapping[str, Sequence[Result]]
 
 def key_parts(task: Task, upstream: Upstream) -> dict[str, Any]:
     """Return everything that a shard's outcome depends on; its digest is the shard's key."""
-    stage = task.node.stage
+    stage, edges = task.node.stage, _filled(task, upstream)
+    specs = {**{role: stage.inputs[role] for role in edges}, **stage.outputs}
     return {
         "stage": stage.name,
         "version": stage.version,
-        "tables": {name: f"{spec.name} v{spec.version}" for name, spec in {**stage.inputs, **stage.outputs}.items()},
+        "tables": {name: f"{spec.name} v{spec.version}" for name, spec in specs.items()},
         "config": task.config.model_dump(mode="json"),
         "externals": dict(task.externals),
-        "inputs": {role: _input_digests(task, edge, upstream) for role, edge in task.node.inputs.items()},
+        "inputs": {role: _input_digests(task, edge, upstream) for role, edge in edges.items()},
     }
 
 
@@ -136,7 +137,7 @@ def run_task(task: Task, upstream: Upstream) -> Result:
 def _compute(task: Task, upstream: Upstream, store: Store) -> Result:
     stage: Stage[Any] = task.node.stage
     started = time.perf_counter()
-    inputs = {role: _read_input(task, role, edge, upstream, store) for role, edge in task.node.inputs.items()}
+    inputs = {role: _read_input(task, role, edge, upstream, store) for role, edge in _filled(task, upstream).items()}
     with store.draft(stage.name, key_parts(task, upstream)) as draft:
         scratch = scratch_folder(task.workspace, stage.name, draft.key)
         context = Context(draft.folder, task.shard.sequence_id, task.num_threads, scratch)
@@ -152,6 +153,20 @@ def _compute(task: Task, upstream: Upstream, store: Store) -> Result:
 
 def _result(task: Task, status: Status, record: Record) -> Result:
     return Result(task.node.name, task.shard, status, record.key, record.outputs, record.seconds)
+
+
+def _filled(task: Task, upstream: Upstream) -> dict[str, str]:
+    """Return role → edge of what a shard reads: optional roles only where they have rows."""
+    optional = task.node.stage.optional
+    edges = task.node.inputs.items()
+    return {role: edge for role, edge in edges if role not in optional or _has_rows(task, edge, upstream)}
+
+
+def _has_rows(task: Task, edge: str, upstream: Upstream) -> bool:
+    if edge in ORIGINS:
+        return bool(task.origins[edge])
+    node, output = edge.split(".")
+    return any(result.outputs[output].num_rows for result in upstream[node])
 
 
 def _input_digests(task: Task, edge: str, upstream: Upstream) -> list[str]:

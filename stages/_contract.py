@@ -62,6 +62,8 @@ class Stage(Generic[ConfigT]):
         outputs: name → table; the first is what ``load(node)`` gives.
         run: ``run(config, inputs, context) -> outputs``.
         shard: one call per sequence, per chunk of frames of a sequence, or for the set of all sequences of a run.
+        optional: roles that may be without rows. `inputs` lacks them then, and the result and its key are those of a
+            stage that has no such role: what they add costs nobody anything who does not use it.
         externals: what the result depends on beyond config and tables (weights, package versions, files named in the
             config), as name → digest. Part of the cache key.
     """
@@ -74,3 +76,4 @@ class Stage(Generic[ConfigT]):
     run: Callable[[ConfigT, Tables, Context], Tables]
     shard: Sharding
     externals: Callable[[ConfigT, str], Mapping[str, str]] = no_externals
+    optional: frozenset[str] = frozenset()

@@ -12,15 +12,27 @@ from typing import Any, Final, Self
 
 import numpy as np
 import numpy.typing as npt
+import pyarrow as pa
 import pyarrow.compute as pc
 from pydantic import Field, model_validator
 
 from assemblyhands_core.data.arrays import to_numpy
 from assemblyhands_core.data.camera_rows import valid_cameras
-from assemblyhands_core.data.catalog import CROPS, HAND_BOXES, JOINTS, KEYPOINTS, RECTIFIED_VIEWS, ROUNDS, VIEWS
+from assemblyhands_core.data.catalog import (
+    CORRECTIONS,
+    CROPS,
+    HAND_BOXES,
+    JOINTS,
+    KEYPOINTS,
+    RECTIFIED_VIEWS,
+    ROUNDS,
+    VIEWS,
+)
+from assemblyhands_core.data.corrections import loose_notes, with_corrections, with_held_joints
 from assemblyhands_core.data.digests import digest_file
 from assemblyhands_core.data.hand_crops import stored_hands
 from assemblyhands_core.data.keypoint_rows import distances_px, keypoints_by_view, positions, rows_of_hands
+from assemblyhands_core.data.label_rows import MANUAL
 from assemblyhands_core.data.round_guard import Estimates, doubts
 from assemblyhands_core.data.round_outcomes import (
     CONVERGED,
@@ -117,6 +129,8 @@ class AnnotateRoundConfig(StageConfig):
 
 def run(config: AnnotateRoundConfig, inputs: Tables, context: Context) -> Tables:
     """Annotate one chunk of frames; one row for each hand and instant of the round before."""
+    corrections = inputs.get("corrections", CORRECTIONS.empty())
+    inputs = {**inputs, "keypoints": with_corrections(inputs["keypoints"], corrections)}
     previous = inputs["joints"]
     if not previous.num_rows:
         return {"joints": JOINTS.empty(), "rounds": ROUNDS.empty()}
@@ -139,7 +153,18 @@ def run(config: AnnotateRoundConfig, inputs: Tables, context: Context) -> Tables
         note=np.where(doubt == "", note, figures),
         min_confidence=config.min_confidence,
     )
-    return {"joints": outcome.joints(), "rounds": outcome.rounds()}
+    return _corrected({"joints": outcome.joints(), "rounds": outcome.rounds()}, inputs["triangulated"], corrections)
+
+
+def _corrected(found: Tables, triangulated: pa.Table, corrections: pa.Table) -> Tables:
+    """Return a round's tables with the joints that people hold, and what is said of those that they do not."""
+    if not corrections.num_rows:
+        return found
+    rounds = found["rounds"]
+    notes = zip(rounds["note"].to_pylist(), loose_notes(rounds, corrections), strict=True)
+    joined = pa.array(["; ".join(filter(None, pair)) for pair in notes], pa.string())
+    rounds = rounds.set_column(rounds.schema.get_field_index("note"), rounds.schema.field("note"), joined)
+    return {"joints": with_held_joints(found["joints"], triangulated, corrections), "rounds": rounds}
 
 
 def _windows(config: AnnotateRoundConfig, known: Sequence[KnownHand], inputs: Tables) -> list[HandWindows]:
@@ -155,6 +180,7 @@ def _reasons_not_to_ask(
     """Return for each hand why the network is not asked, empty where it is, and the same with figures."""
     moved_mm = displacement_mm(joints_or_nan(inputs["joints"]), _earlier(inputs))
     is_own = ~pc.starts_with(inputs["joints"]["source"], KEPT).to_numpy(zero_copy_only=False)
+    is_own &= (to_numpy(inputs["joints"]["source"]) != MANUAL) | (moved_mm > 0)  # a kept hand has not moved
     reason, note = (np.full(len(windows), "", dtype=object) for _ in range(2))
     for index, hand in enumerate(windows):
         if is_own[index] and moved_mm[index] < config.stop_below_mm:
@@ -255,9 +281,11 @@ STAGE = Stage(
         "triangulated": JOINTS,
         "joints": JOINTS,
         "earlier_joints": JOINTS,
+        "corrections": CORRECTIONS,
     },
     outputs={"joints": JOINTS, "rounds": ROUNDS},
     run=run,
     shard="chunk",
     externals=_externals,
+    optional=frozenset({"corrections"}),
 )

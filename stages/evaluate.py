@@ -13,8 +13,9 @@ from pydantic import Field, model_validator
 from assemblyhands_core.data.arrays import to_numpy
 from assemblyhands_core.data.catalog import CHUNKS, ERRORS, EVALUATION, JOINTS, SOURCES
 from assemblyhands_core.data.keypoint_rows import rows_of_hands
+from assemblyhands_core.data.label_rows import MANUAL
 from assemblyhands_core.data.round_outcomes import KEPT
-from assemblyhands_core.data.rounds import SMOOTHED, TRUE_ROUND, joints_or_nan
+from assemblyhands_core.data.rounds import SMOOTHED, TRIANGULATED, TRUE_ROUND, joints_or_nan
 from assemblyhands_core.hands.joints import NUM_JOINTS
 from assemblyhands_core.hands.wrist import relative_to_wrist
 from assemblyhands_core.metrics.annotation import Resampling, evaluate_annotation
@@ -79,6 +80,7 @@ def _methods(joints: pa.Table) -> pa.Array:
 
 
 def _method(number: int, source: str) -> str:
+    source = TRIANGULATED if source == MANUAL else source  # people corrected its 2D keypoints
     name = {0: source, TRUE_ROUND + 1: UPPER_BOUND}.get(number, f"R{number}")
     return f"{name}, {SMOOTHED}" if number and source == SMOOTHED else name
 

@@ -14,15 +14,18 @@ import pyarrow as pa
 from pydantic import Field
 
 from assemblyhands_core.data.camera_rows import valid_cameras
-from assemblyhands_core.data.catalog import JOINTS, KEYPOINTS, RESIDUALS, VIEWS
+from assemblyhands_core.data.catalog import CORRECTIONS, JOINTS, KEYPOINTS, RESIDUALS, VIEWS
+from assemblyhands_core.data.corrections import held_joints, is_corrected, with_corrections
 from assemblyhands_core.data.keypoint_rows import hand_codes, keypoints_by_view, positions
+from assemblyhands_core.data.label_rows import MANUAL
 from assemblyhands_core.data.outcomes import outcome_columns
+from assemblyhands_core.data.rounds import TRIANGULATED
 from assemblyhands_core.data.strays import without_strays
 from assemblyhands_core.geometry.triangulation import Triangulation, triangulate
 from assemblyhands_core.hands.joints import HANDS, NUM_JOINTS
 from stages._contract import Context, Stage, StageConfig, Tables
 
-_SOURCE, _ROUND = "2d_triangulation", 0
+_ROUND = 0
 
 Floats = npt.NDArray[np.floating]
 Indices = npt.NDArray[np.int64]
@@ -52,10 +55,16 @@ class _Hands:
     row_hand: Indices
     row_view: Indices
 
+    @property
+    def names(self) -> pa.Table:
+        """Return a row for each hand at each instant."""
+        return pa.table({"frame": self.frame, "hand": pa.array(self.hand, pa.string())})
+
 
 def run(config: TriangulateConfig, inputs: Tables, context: Context) -> Tables:
-    """Triangulate all frames, hands and joints of a shard at once."""
-    cameras, keypoints = valid_cameras(inputs["views"]), inputs["keypoints"]
+    """Triangulate all frames, hands and joints of a shard at once; what people corrected counts more than detectors."""
+    cameras, corrections = valid_cameras(inputs["views"]), inputs.get("corrections", CORRECTIONS.empty())
+    keypoints = with_corrections(inputs["keypoints"], corrections)
     if not keypoints.num_rows:
         return {"joints": JOINTS.empty(), "residuals": RESIDUALS.empty()}
     hands = _group(keypoints, list(cameras))
@@ -70,8 +79,9 @@ def run(config: TriangulateConfig, inputs: Tables, context: Context) -> Tables:
         min_views=config.min_views,
         min_parallax_rad=config.min_parallax_rad,
     )
-    found = without_strays(found, config.max_span_mm)
-    return {"joints": _joints(hands, found, pixels, context), "residuals": _residuals(keypoints, hands, found)}
+    found = without_strays(found, config.max_span_mm, held_joints(hands.names, corrections))
+    joints = _joints(hands, found, pixels, is_corrected(hands.names, corrections), context)
+    return {"joints": joints, "residuals": _residuals(keypoints, hands, found)}
 
 
 def _group(keypoints: pa.Table, camera_ids: list[str]) -> _Hands:
@@ -82,7 +92,9 @@ def _group(keypoints: pa.Table, camera_ids: list[str]) -> _Hands:
     return _Hands(codes // len(HANDS), names[codes % len(HANDS)], row_hand, row_view)
 
 
-def _joints(hands: _Hands, found: Triangulation, pixels: Floats, context: Context) -> pa.Table:
+def _joints(
+    hands: _Hands, found: Triangulation, pixels: Floats, is_manual: npt.NDArray[np.bool_], context: Context
+) -> pa.Table:
     num_hands = len(hands.frame)
     outcome = outcome_columns(found, NUM_JOINTS)
     is_unseen = ~np.isfinite(pixels).all(axis=-1).any(axis=-1)
@@ -94,7 +106,7 @@ def _joints(hands: _Hands, found: Triangulation, pixels: Floats, context: Contex
             "hand": hands.hand,
             "joints_world_mm": found.points_world_mm.reshape(num_hands, -1),
             **outcome,
-            "source": [_SOURCE] * num_hands,
+            "source": np.where(is_manual, MANUAL, TRIANGULATED),
             "round": [_ROUND] * num_hands,
         }
     )
@@ -122,8 +134,9 @@ STAGE = Stage(
     name="triangulate",
     version=1,
     config=TriangulateConfig,
-    inputs={"views": VIEWS, "keypoints": KEYPOINTS},
+    inputs={"views": VIEWS, "keypoints": KEYPOINTS, "corrections": CORRECTIONS},
     outputs={"joints": JOINTS, "residuals": RESIDUALS},
     run=run,
     shard="chunk",
+    optional=frozenset({"corrections"}),
 )

@@ -163,8 +163,22 @@ KEYPOINTS: Final = TableSpec(
             *_HAND_VIEW,
             ("keypoints_px", _each(pa.float32(), 2 * NUM_JOINTS)),
             ("confidence", _each(pa.float32(), NUM_JOINTS)),
-            ("source", _TEXT),  # which detector saw it
+            ("source", _TEXT),  # which detector saw it; manual: a person set some of it
             *_OUTCOME,
+        ]
+    ),
+)
+CORRECTIONS: Final = TableSpec(
+    "corrections",
+    1,
+    ("sequence_id", "frame", "hand", "camera_id", "joint"),
+    pa.schema(
+        [
+            *_HAND_VIEW,
+            ("joint", _TEXT),
+            ("corrected_px", _each(pa.float64(), 2)),  # NaN where it is not to be used
+            ("visibility", pa.int8()),  # 2 seen, 1 hidden, 0 not to be used
+            ("weight", pa.float32()),  # in triangulation, where detectors' confidence is at most 1
         ]
     ),
 )

@@ -15,6 +15,7 @@ from assemblyhands_core.data.camera_rows import camera_from_row
 from assemblyhands_core.data.catalog import CHUNKS, EGO_BOXES, EGO_FRAMES, JOINTS, RECTIFIED_VIEWS, VIEWS
 from assemblyhands_core.data.crop_images import ImageRGB, read_picture
 from assemblyhands_core.data.ego_boxes import NO_BOX, EgoBox, EgoRule, ego_box, given_box, no_box
+from assemblyhands_core.data.label_rows import MANUAL
 from assemblyhands_core.data.rounds import joints_or_nan
 from assemblyhands_core.data.tables import TableSpec
 from assemblyhands_core.data.video import VideoReader
@@ -23,6 +24,7 @@ from assemblyhands_core.geometry.regions import RemapGrid
 from assemblyhands_core.hands.joints import HANDS, NUM_JOINTS
 
 NO_POSE = "no_pose"
+_CORRECTED: Final = "corrected"
 EGO_INPUTS: Final[Mapping[str, TableSpec]] = {
     "chunks": CHUNKS,
     "views": VIEWS,
@@ -135,11 +137,18 @@ def ego_hands(tables: Mapping[str, pa.Table]) -> dict[int, EgoHands]:
     """
     joints, boxes = (of_chunk(tables[role], tables["chunks"]) for role in ("joints", "boxes"))
     found = {frame: (np.full((2, NUM_JOINTS, 3), np.nan), ["", ""]) for frame in boxes["frame"].to_pylist()}
-    names = (joints[name].to_pylist() for name in ("frame", "hand", "source"))
-    for points, frame, hand, source in zip(joints_or_nan(joints), *names, strict=True):
+    names = (joints[name].to_pylist() for name in ("frame", "hand"))
+    for points, frame, hand, source in zip(joints_or_nan(joints), *names, _sources(joints), strict=True):
         world, sources = found.setdefault(frame, (np.full((2, NUM_JOINTS, 3), np.nan), ["", ""]))
         world[HANDS.index(hand)], sources[HANDS.index(hand)] = points, source
     return {frame: EgoHands(world, (right, left)) for frame, (world, (right, left)) in sorted(found.items())}
+
+
+def _sources(joints: pa.Table) -> list[str]:
+    """Return who annotated each hand: where people corrected what stands on views, it is still automatic."""
+    stands_on_views = (to_numpy(joints["num_views"]) > 0).any(axis=1)
+    is_ours = stands_on_views & (to_numpy(joints["source"]) == MANUAL)
+    return list(np.where(is_ours, _CORRECTED, to_numpy(joints["source"])))
 
 
 def of_chunk(table: pa.Table, chunks: pa.Table) -> pa.Table:

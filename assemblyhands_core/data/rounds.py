@@ -18,6 +18,8 @@ from assemblyhands_core.geometry.crops import square_box
 from assemblyhands_core.hands.joints import HANDS, NUM_JOINTS, ROOT
 
 BoxSource = Literal["joints", "detected"]
+TRIANGULATED: Final = "2d_triangulation"
+"""Source of joints of round 0."""
 SMOOTHED: Final = "smoothed"
 """Source of joints that were cleaned up over time."""
 TRUE_ROUND: Final = 100

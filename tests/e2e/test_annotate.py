@@ -14,9 +14,10 @@ from tiny_recording import CHUNK_FRAMES, NOISE_PX, NUM_FRAMES, write_recording
 from assemblyhands_core.data.store import load
 from assemblyhands_core.geometry.cameras import Camera
 from pipeline.dag import build_dag
+from pipeline.graph import CORRECTION_EDGE
 
 NUM_CHUNKS = NUM_FRAMES // CHUNK_FRAMES
-NODES = [node.name for node in build_dag(0).upto(("quality", "overlay"))]
+NODES = [node.name for node in build_dag(0).upto(("quality", "overlay"), (CORRECTION_EDGE,))]
 ONE_SEQUENCE = {
     "ingest": 1, "undistort": 1, "detect_hands": NUM_CHUNKS, "crop_hands": NUM_CHUNKS, "detect_keypoints": NUM_CHUNKS,
     "triangulate": NUM_CHUNKS, "measure_quality": 1, "draw_overlays": 1,
@@ -181,7 +182,7 @@ def test_a_sequence_that_fails_is_named_and_the_others_are_done(studio: Any, ext
 
 def test_the_view_is_whole_and_readable(first: Step) -> None:
     run = first.workspace / "runs" / first.run
-    assert sorted(path.name for path in run.iterdir()) == sorted([*NODES, "run.json"])
+    assert sorted(path.name for path in run.iterdir()) == sorted([*NODES, "report", "run.json"])
     for node in NODES:
         manifest = json.loads((run / node / "manifest.json").read_text())
         for table in manifest["tables"]:
