@@ -28,6 +28,7 @@ class CutVerbClipsConfig(StageConfig):
     """Parameters of cutting."""
 
     verbs: tuple[str, ...]
+    min_rate_hz: float = Field(ge=0)
     min_duration_s: float = Field(ge=0)
     max_overlap: float = Field(ge=0, le=1)
     is_overlap_dropped: bool
@@ -50,17 +51,22 @@ def run(config: CutVerbClipsConfig, inputs: Tables, context: Context) -> Tables:
     sources, video = inputs["actions"].to_pylist(), inputs["views"].filter(pc.field("valid"))
     if not video.num_rows:
         raise ValueError(f"sequence {context.sequence_id}: no view can be used; table views says why of each.")
-    num_frames, step = int(pc.max(video["num_frames"]).as_py()), keys_per_frame(float(video["rate_hz"][0].as_py()))
+    num_frames, rate_hz = int(pc.max(video["num_frames"]).as_py()), float(video["rate_hz"][0].as_py())
+    step = keys_per_frame(rate_hz)
     first_key = _first_key(sources, context) if config.first_key is None else config.first_key
     keys = range(first_key, first_key + step * num_frames)
     (actions,) = (row["source_file"] for row in sources if row["role"] == "actions")
     found = select_verb_segments(read_fine_grained(Path(actions)), config.selection(), {context.sequence_id: keys})
     tracks = tracks_of_joints(inputs["joints"], num_frames, step, first_key, config.graph)
-    clips = [cut_clip(tracks, s.first_key, s.last_key, config.rate_hz, config.context_keys) for s in found.segments]
-    pairs = zip(found.segments, clips, strict=True)
+    segments = found.segments if rate_hz >= config.min_rate_hz else ()
+    clips = [cut_clip(tracks, s.first_key, s.last_key, config.rate_hz, config.context_keys) for s in segments]
+    pairs = zip(segments, clips, strict=True)
     rows = [row for segment, clip in pairs for row in clip_rows(segment, clip, config.rate_hz)]
-    num_unseen = sum(not clip.observed.any() for clip in clips)
-    return {"clips": VERB_CLIPS.from_rows(rows), "problems": _problems(found, num_unseen, context)}
+    lacking = {
+        "no_poses": sum(not clip.observed.any() for clip in clips),
+        "too_few_frames": len(found.segments) - len(segments),
+    }
+    return {"clips": VERB_CLIPS.from_rows(rows), "problems": _problems(found, lacking, context)}
 
 
 def _first_key(sources: Sequence[Mapping[str, Any]], context: Context) -> int:
@@ -69,9 +75,9 @@ def _first_key(sources: Sequence[Mapping[str, Any]], context: Context) -> int:
     return first_key_of(labels, read_recording(labels, context.sequence_id)) if labels else 0
 
 
-def _problems(found: VerbSegments, num_unseen: int, context: Context) -> pa.Table:
+def _problems(found: VerbSegments, lacking: Mapping[str, int], context: Context) -> pa.Table:
     """Return how many segments were left out or are odd, by reason, and each sentence about one."""
-    counts = [*found.dropped.items(), *found.noted.items(), *([("no_poses", num_unseen)] if num_unseen else [])]
+    counts = [*found.dropped.items(), *found.noted.items(), *(item for item in lacking.items() if item[1])]
     rows: list[dict[str, Any]] = [{"reason": str(name), "count": number, "sentence": ""} for name, number in counts]
     rows += [{"reason": "", "count": n, "sentence": sentence} for sentence, n in Counter(found.problems).items()]
     return VERB_PROBLEMS.from_rows([{"sequence_id": context.sequence_id, **row} for row in rows])

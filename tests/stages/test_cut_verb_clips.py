@@ -164,6 +164,15 @@ def test_a_segment_without_poses_keeps_its_row_and_is_counted(tmp_path: Path) ->
     assert [(row["reason"], row["count"]) for row in nothing["problems"].to_pylist()] == [("no_poses", 2)]
 
 
+def test_recordings_of_few_frames_a_second_show_no_motion(tmp_path: Path) -> None:
+    csv = tmp_path / "train.csv"
+    write_fine_grained_60fps(csv, [_segment(0, 19), _segment(40, 79, "remove")])
+    sparse = _run(csv, _joints([0, 1, 2]), _views(3, 2.0), min_rate_hz=4.0)
+    assert sparse["clips"].num_rows == 0
+    assert [(row["reason"], row["count"]) for row in sparse["problems"].to_pylist()] == [("too_few_frames", 2)]
+    assert len(clips_of(_run(csv, _joints([0, 1, 2]), _views(3, 2.0), min_rate_hz=2.0)["clips"])) == 2
+
+
 def test_sources_give_clips_of_the_same_instants(tmp_path: Path) -> None:
     """SVEgoNet's poses may begin later than the annotation's; their clips have to be compared all the same."""
     csv = tmp_path / "train.csv"
