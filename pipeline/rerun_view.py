@@ -8,11 +8,13 @@ from typing import Any, Final
 
 from rich.console import Console
 
+from assemblyhands_core.data.layout import DatasetLayout
 from assemblyhands_core.viz.rerun_file import NoRerun
-from pipeline.config import RigConfig, RunConfig, UserError
-from pipeline.recordings import select_recordings
+from pipeline.config import RunConfig, UserError
+from pipeline.manifests import select_rows
 from pipeline.rerun_scene import write_scene
 from pipeline.sequence_tables import SequenceTables, sequence_of
+from pipeline.takes import STUDIO_PACKAGE, studio_folder
 
 _FOLDER: Final = "view"
 _LATEST: Final = "latest"
@@ -28,7 +30,7 @@ def write_rerun_views(config: RunConfig, console: Console) -> int:
     run = _run_folder(config)
     for sequence_id in _chosen(config.seq, run):
         path = run / _FOLDER / f"{sequence_id}.rrd"
-        truth = _ground_truth(config, run, sequence_id, console)
+        truth = ground_truth_folder(config, run, sequence_id, console)
         try:
             said = write_scene(path, SequenceTables(run, sequence_id), config.view, _min_confidence(config), truth)
         except NoRerun as error:
@@ -70,20 +72,25 @@ def _chosen(wanted: str, run: Path) -> list[str]:
     return chosen
 
 
-def _ground_truth(config: RunConfig, run: Path, sequence_id: str, console: Console) -> Path | None:
-    """Return the folder of a sequence's truth, by the manifest that the run was made with; None without any."""
+def ground_truth_folder(config: RunConfig, run: Path, sequence_id: str, console: Console) -> Path | None:
+    """Return the folder of a sequence's truth, None without any.
+
+    Args:
+        config: Its manifest counts, else the one that the run was made with.
+        run: The run's folder.
+        sequence_id: The sequence.
+        console: Where it is said if the manifest is gone.
+    """
     recorded: Mapping[str, Any] = json.loads((run / "run.json").read_text(encoding="utf-8"))["config"]
     if recorded.get("rig", {}).get("calibration"):
         return None
-    update = {
-        "seq": sequence_id,
-        "rig": RigConfig(calibration=None, videos=None),
-        "manifest": config.manifest or recorded["manifest"],
-        "release": config.release or (Path(recorded["release"]) if recorded.get("release") else None),
-    }
+    update = {"seq": sequence_id, "manifest": config.manifest or recorded["manifest"]}
     try:
-        (recording,) = select_recordings(config.model_copy(update=update))
+        (row,) = select_rows(config.model_copy(update=update))
     except UserError as error:
         console.print(f"without truth: {error}", markup=False, highlight=False, soft_wrap=True)
         return None
-    return recording.ground_truth
+    if row["package"] == STUDIO_PACKAGE:
+        folder = DatasetLayout(studio_folder(config.workspace)).ground_truth(sequence_id)
+        return folder if folder.is_dir() else None
+    return Path(row["folder"], row["ground_truth"]) if row["ground_truth"] else None

@@ -7,10 +7,15 @@ import numpy as np
 import pytest
 from rerun_rows import read_rerun_file
 
-from assemblyhands_core.data.crop_images import decode_image
+from assemblyhands_core.data.crop_images import decode_image, encode_jpeg
+from assemblyhands_core.data.ego_views import EgoView
+from assemblyhands_core.geometry.crops import rectified
+from assemblyhands_core.geometry.regions import RemapGrid
 from assemblyhands_core.hands.joints import WRIST
 from assemblyhands_core.synthetic.rig import Rig, assembly_rig
+from assemblyhands_core.viz.rectified_pictures import PictureRectifier
 from pipeline.config import ViewConfig
+from pipeline.rerun_cameras import HeadsetCamera
 from pipeline.rerun_scene import write_scene
 from pipeline.sequence_tables import SequenceTables
 
@@ -43,3 +48,18 @@ def test_the_headset_moves_and_its_pictures_show_what_the_camera_projects(tmp_pa
             around = picture[top : top + 13, left : left + 13, 0]
             peak = np.unravel_index(np.argmax(around), around.shape)
             assert around.max() > 80 and np.hypot(left + peak[1] - column, top + peak[0] - row) < 1
+
+
+def test_a_release_s_pictures_are_shown_where_there_are_pose_and_picture(tmp_path: Path, rig: Rig) -> None:
+    camera = rectified(next(iter(rig.ego.values())), 0.7)
+    joints = headset.hands_before(camera)
+    files = {frame: str(tmp_path / f"{frame}.jpg") for frame in (0, 1, 2)}
+    for frame in (0, 1):
+        Path(files[frame]).write_bytes(encode_jpeg(headset.spots(camera, joints), 95))
+    poses = dict.fromkeys((0, 2, 3), camera.T_camera_from_world)
+    grid = RemapGrid.build(camera, camera)
+    view = EgoView(camera.camera_id, "", files, camera, grid, poses, {}, {})
+    shown = HeadsetCamera(view, PictureRectifier(camera, grid, 1000))
+    found = dict(shown.pictures(np.arange(5)))
+    assert list(found) == [0]  # 1 has no pose, 2 no file, 3 no picture, 4 neither
+    np.testing.assert_allclose(shown.rectifier(found[0]), found[0], atol=2)  # it is rectified already
