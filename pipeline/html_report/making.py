@@ -65,7 +65,7 @@ def provenance(run: FinishedRun) -> Iterator[Block]:
         raise NothingToShow("this run's run.json is empty.")
     facts = [[name, value] for name, value in _facts(record)]
     digests = [[node, digest] for node, digest in record.get("digests", {}).items()]
-    values = [[name, value] for name, value in _flat(record.get("config", {}))]
+    values = [[name, value] for name, value in _used_parameters(run)]
     keys = [
         [shard, name, result["key"]]
         for name, manifest in run.manifests.items()
@@ -73,17 +73,26 @@ def provenance(run: FinishedRun) -> Iterator[Block]:
     ]
     folded = {
         "Content digests by node": Grid("Equal digests mean equal contents", ["node", "sha256"], digests),
-        "Parameters": Grid("As run.json has them", ["parameter", "value"], values),
-        "Keys of the store's entries": Grid("As each node's manifest.json has them", ["shard", "node", "key"], keys),
+        "Parameters": Grid("Of the run and of the stages that it made something of", ["parameter", "value"], values),
     }
     yield Table(Grid("Command and versions", ["what", "value"], facts))
     for title, grid in folded.items():
         yield Fold(title, [Table(grid)])
+    grid = Grid("As each node's manifest.json has them", ["shard", "node", "key"], keys)
+    yield Fold("Keys of the store's entries", [Table(grid)], is_printed=False)
 
 
 def parameters(run: FinishedRun) -> list[tuple[str, str]]:
-    """Return what a run was made with: command, versions and every parameter."""
-    return [*_facts(run.record), *_flat(run.record.get("config", {}))]
+    """Return what a run was made with: command, versions and parameters."""
+    return [*_facts(run.record), *_used_parameters(run)]
+
+
+def _used_parameters(run: FinishedRun) -> list[tuple[str, str]]:
+    """Return the run's own parameters and those of its stages; others had no part in it."""
+    config = dict(run.record.get("config", {}))
+    used = {manifest["stage"] for manifest in run.manifests.values()}
+    stages = {name: values for name, values in config.pop("stages", {}).items() if name in used}
+    return [*_flat(config), *_flat(stages)]
 
 
 def _facts(record: Mapping[str, Any]) -> list[tuple[str, str]]:
@@ -98,8 +107,10 @@ def _of_node(seconds: list[float]) -> list[str]:
 
 
 def _megabytes(node: Path) -> str:
-    """Return the size of a node's tables; what is no longer in the store does not count."""
-    return f"{sum(link.stat().st_size for link in node.glob('*/*.parquet') if link.exists()) / 1e6:.1f}"
+    """Return the size of a node's entries in the store; of those that are still there."""
+    entries = {link.resolve().parent for link in node.glob("*/*.parquet") if link.exists()}
+    files = (file for entry in entries for file in entry.rglob("*") if file.is_file())
+    return f"{sum(file.stat().st_size for file in files) / 1e6:.1f}"
 
 
 def _percent(part: float, whole: float) -> str:
@@ -110,6 +121,6 @@ def _flat(values: Mapping[str, Any], prefix: str = "") -> list[tuple[str, str]]:
     """Return dotted names and values as the command line takes them."""
     pairs: list[tuple[str, str]] = []
     for name, value in values.items():
-        dotted = f"{prefix}{name}".removeprefix("stages.")
-        pairs += _flat(value, f"{prefix}{name}.") if isinstance(value, Mapping) else [(dotted, json.dumps(value))]
+        dotted = f"{prefix}{name}"
+        pairs += _flat(value, f"{dotted}.") if isinstance(value, Mapping) else [(dotted, json.dumps(value))]
     return pairs

@@ -22,6 +22,9 @@ MAX_PICTURE_BYTES: Final = 8_000_000
 """Of all pictures of a page together, as they stand in it."""
 MAX_ROWS: Final = 1000
 """Of a table."""
+_NO_FIGURE: Final = frozenset({"", "–"})
+_WIDE_FROM: Final = 12
+"""Columns, which are set smaller on paper."""
 _TEMPLATES: Final = Path(__file__).parent / "templates"
 
 
@@ -61,9 +64,19 @@ class Table:
 
     @cached_property
     def numeric(self) -> frozenset[int]:
-        """Return the columns that hold numbers."""
-        cells = ((column, cell) for row in self.rows for column, cell in enumerate(row) if column)
-        return frozenset(column for column, cell in cells if leading_number(cell) is not None)
+        """Return the columns that hold numbers and no words."""
+        columns = {
+            column: {row[column] for row in self.rows} - _NO_FIGURE for column in range(1, len(self.grid.columns))
+        }
+        are_numbers = {
+            column: [leading_number(cell) is not None for cell in cells] for column, cells in columns.items()
+        }
+        return frozenset(column for column, are in are_numbers.items() if are and all(are))
+
+    @property
+    def is_wide(self) -> bool:
+        """Return whether it has so many columns that paper is too narrow for it."""
+        return len(self.grid.columns) >= _WIDE_FROM
 
     def share(self, column: int, cell: str) -> float | None:
         """Return a number's share of the largest one, in columns that are shaded."""
@@ -105,11 +118,12 @@ class Drawings:
 
 @dataclass(frozen=True)
 class Fold:
-    """Blocks that are folded away on the screen and stand open on paper."""
+    """Blocks that are folded away on the screen and stand open on paper, unless they are only for the screen."""
 
     kind: ClassVar[str] = "fold"
     title: str
     blocks: Sequence["Block"]
+    is_printed: bool = True
 
 
 Block = Text | Table | Picture | Drawings | Fold

@@ -80,5 +80,16 @@ def test_parts_without_anything_are_named_at_the_end_with_the_reason() -> None:
     assert pages.sections([("d", lambda: [Text("there")])]) == found[:1]
 
 
+def test_columns_of_words_and_numbers_stand_left_and_wide_tables_are_marked() -> None:
+    html = _html(Table(Grid("t", ["what", "value"], [["a", "8"], ["b", "eight"]])))
+    assert "<td>8</td>" in html and 'class="scroll"' in html
+    assert 'class="scroll wide"' in _html(Table(Grid("t", list("abcdefghijkl"), [["1"] * 12])))
+
+
+def test_what_is_only_for_the_screen_is_not_opened_for_paper() -> None:
+    assert "<details><summary>" in _html(Fold("f", []))
+    assert '<details class="screen"><summary>' in _html(Fold("f", [], is_printed=False))
+
+
 def test_code_stands_between_backticks() -> None:
     assert "run <code>a &lt; b</code> again" in _html(Text("run `a < b` again"))
