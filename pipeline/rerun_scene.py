@@ -51,7 +51,9 @@ def write_scene(
             camera.add_to(file, frames)
         for camera in cameras if config.pictures and len(frames) else ():  # what is large comes last
             _add_pictures(file, frames, camera, config.jpeg_quality)
-        file.layout([camera.path for camera in cameras], _shown(layers), look_at_hands(_all_joints(layers), fixed, up))
+        file.layout(
+            [camera.path for camera in cameras], _shown(layers), look_at_hands(_first_joints(layers), fixed, up)
+        )
     return _sentence(tables.sequence_id, frames, num_frames, cameras, layers, config)
 
 
@@ -76,8 +78,13 @@ def _layers(tables: SequenceTables, frames: Frames, truth: Path | None) -> list[
     return [*layers, *([true_layer(truth, frames)] if truth is not None else [])]
 
 
-def _all_joints(layers: list[JointLayer]) -> npt.NDArray[np.float64]:
-    return np.concatenate([np.empty((0, 3)), *(layer.joints_world_mm.reshape(-1, 3) for layer in layers)])
+def _first_joints(layers: list[JointLayer]) -> npt.NDArray[np.float64]:
+    """Return all joints (point, 3) of the first frame that has any."""
+    if not layers:
+        return np.empty((0, 3))
+    points = np.concatenate([layer.joints_world_mm for layer in layers], axis=1)
+    has_any = np.isfinite(points).any(axis=(1, 2, 3))
+    return np.asarray(points[has_any][:1].reshape(-1, 3))
 
 
 def _shown(layers: list[JointLayer]) -> dict[str, Visibility]:

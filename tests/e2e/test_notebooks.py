@@ -5,12 +5,14 @@ import shlex
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
-from command_line import REPOSITORY
+from command_line import REPOSITORY, run_record
 from notebook_runs import NOTEBOOKS, run_notebook
 from tiny_recording import CAMERA_IDS, CHUNK_FRAMES, NUM_FRAMES, detector_overrides
 
 from assemblyhands_core.data.store import load
+from assemblyhands_core.hands.joints import HANDS, JOINT_NAMES
 
 
 @pytest.mark.parametrize("path", sorted(NOTEBOOKS.glob("*.ipynb")), ids=lambda path: path.stem)
@@ -63,3 +65,26 @@ def test_bring_your_own_rig_goes_from_files_to_pictures(judged: Any, tmp_path: P
     without_truth = {"ASSEMBLYHANDS_WORK": str(tmp_path / "work"), "ASSEMBLYHANDS_RUN": "own_rig"}
     shown = run_notebook("inspect_annotations.ipynb", NOTEBOOKS, without_truth, "[SEQUENCE, methods, len(worst)]")
     assert shown.values == ["monday", [], 0] and "no truth is known" in shown.printed and shown.num_pictures >= 2
+
+
+def test_correct_labels_moves_one_joint_to_where_a_person_sees_it(judged: Any, tmp_path: Path) -> None:
+    environment = {
+        "ASSEMBLYHANDS_WORK": str(judged.workspace),
+        "ASSEMBLYHANDS_RUN": "judged",
+        "CORRECTIONS": str(tmp_path),
+        "TRUTH": str(judged.tiny.folder.parent / "truth"),
+    }
+    asked = "[FRAME, HAND, JOINT, [list(key) for key in changed], after.source[(FRAME, HAND)], len(seen)]"
+    shown = run_notebook("correct_labels.ipynb", NOTEBOOKS, environment, asked)
+    frame, hand, joint, changed, source, num_seen = shown.values
+    assert changed == [[frame, hand]] and source == "manual" and num_seen >= 2 and shown.num_pictures == 2
+    number = JOINT_NAMES.index(joint)
+    joints = load(judged.workspace / "runs/corrected/round_0").set_index(["frame", "hand"]).joints_world_mm
+    true = judged.tiny.joints_mm[frame, HANDS.index(hand), number]
+    corrected = np.reshape(joints[frame, hand], (21, 3))[number]
+    assert np.linalg.norm(corrected - true) < 0.05  # mm; the keypoints' noise is worth some
+    others = load(judged.workspace / "runs/judged/round_0").set_index(["frame", "hand"]).joints_world_mm
+    same = np.delete(np.reshape(joints[frame, hand], (21, 3)), number, axis=0)
+    np.testing.assert_array_equal(same, np.delete(np.reshape(others[frame, hand], (21, 3)), number, axis=0))
+    made = run_record(judged.workspace, "corrected")["digests"]
+    assert made["detect_keypoints"] == run_record(judged.workspace, "judged")["digests"]["detect_keypoints"]
