@@ -15,7 +15,7 @@ SEQUENCE := $(if $(SET),manifest=data_manifests/synthetic_$(SET).csv) $(if $(SEQ
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 SOURCES := assemblyhands_core stages pipeline tests benchmarks notebooks
 
-.PHONY: all annotate evaluate simulate train ego predict train-ego verbs train-verbs export report compare view plan doctor gc fsck test test-slow check format benchmark docs help clean
+.PHONY: all annotate evaluate simulate train ego predict train-ego verbs train-verbs export report compare view suspects correct plan doctor gc fsck test test-slow check format benchmark docs help clean
 .DEFAULT_GOAL := help
 
 annotate: $(VENV)/.installed  ## video in, 3D hand joints out: SEQ=name (default: records one), ARGS='parameter=value'
@@ -60,6 +60,12 @@ report: $(VENV)/.installed  ## write the page of the latest run, or of another o
 
 compare: $(VENV)/.installed  ## two runs of the same sequences, difference by difference: A=run B=run
 	$(RUN) compare $(A) $(B) $(ARGS)
+
+suspects: $(VENV)/.installed  ## what is probably wrong in a run, with pictures, for CVAT or another tool: SEQ=name
+	$(RUN) suspects $(SEQUENCE) $(ARGS)
+
+correct: $(VENV)/.installed  ## take over what was corrected in CVAT or another tool: FILE=person_keypoints_default.json
+	$(RUN) correct 'corrected=$(FILE)' $(ARGS)
 
 plan: $(VENV)/.installed  ## what `make annotate` would run, what it would reuse, and why
 	$(RUN) plan $(SEQUENCE) $(ARGS)

@@ -20,7 +20,7 @@ from pipeline.overrides import is_sweep, literal, name_runs, stray_word
 from pipeline.sweeps import Point, write_sweep
 
 _INTERRUPTED = 130  # as shells count it: 128 + SIGINT
-_COMMANDS = ("run", "plan", "preflight", "gc", "fsck", "report", "compare", "view", "describe")
+_COMMANDS = ("run", "plan", "preflight", "gc", "fsck", "report", "compare", "view", "suspects", "correct", "describe")
 _USAGE = """usage: python -m pipeline [COMMAND] [parameter=value ...]
 
 commands
@@ -41,6 +41,8 @@ commands
   gc         remove results that none of the newest runs refers to
   fsck       read all results again, and set aside what is damaged so that the next run makes it anew
   view       write a run's sequences for the viewer rerun: seq=NAME [run=NAME]; work/runs/<run>/view/<seq>.rrd
+  suspects   write what is probably wrong in a run as a task for CVAT or another tool: seq=NAME [run=NAME]
+  correct    take over what was corrected there: corrected=FILE; docs/corrections.md
   describe   the DAG and all tables, in Markdown
 
 often used parameters

@@ -18,6 +18,7 @@ from assemblyhands_core.data.store import Store
 from pipeline import summary
 from pipeline.comparison import compare_runs
 from pipeline.config import RunConfig, UserError
+from pipeline.correcting import import_corrections
 from pipeline.ego_evaluation import print_egocentric
 from pipeline.evaluation import kinds_of_sequences, print_evaluation
 from pipeline.executors import open_executor, resolve_workers
@@ -35,6 +36,7 @@ from pipeline.recordings import select_recordings, synthetic_sequences
 from pipeline.report import report_again, write_report
 from pipeline.rerun_view import write_rerun_views
 from pipeline.runner import Runner, results
+from pipeline.suspects import write_suspects
 from pipeline.takes import absent_takes, select_takes, studio_folder
 from pipeline.tasks import Result
 from pipeline.verb_evaluation import print_verbs
@@ -43,7 +45,14 @@ from pipeline.work import SequenceWork, member_rows, possible_nodes, with_set
 
 _MAX_REPAIRS = 20  # each round finds what is damaged one node further
 _PLAIN_WIDTH = 140  # of lines that go to a file or a pipe
-_READING = {"fsck": fsck, "report": report_again, "compare": compare_runs, "view": write_rerun_views}  # what is there
+_READING = {  # what is there
+    "fsck": fsck,
+    "report": report_again,
+    "compare": compare_runs,
+    "view": write_rerun_views,
+    "suspects": write_suspects,
+    "correct": import_corrections,
+}
 
 
 def execute(command: str, config: RunConfig, command_line: str) -> int:

@@ -9,6 +9,8 @@ from typing import Any, Literal
 from omegaconf import DictConfig, OmegaConf
 from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, ValidationError
 
+from assemblyhands_core.data.suspects import SuspicionLimits
+from assemblyhands_core.hands.joints import NUM_JOINTS
 from pipeline.dag import build_dag
 from pipeline.graph import CROP_EDGE, TAKE_EDGE, Dag
 from stages._contract import StageConfig
@@ -65,6 +67,23 @@ class ViewConfig(_Model):
     jpeg_quality: int = Field(default=80, ge=1, le=100)
 
 
+class SuspectsConfig(_Model):
+    """Which hands ``suspects`` asks people about, see `suspects.SuspicionLimits`, and in how many pictures."""
+
+    max_instants: int = Field(default=20, ge=1)
+    min_gap_frames: int = Field(default=15, ge=1)
+    max_views: int = Field(default=4, ge=1)
+    min_confidence: float = Field(default=0.75, ge=0, le=1)
+    max_reprojection_px: float = Field(default=15.0, gt=0)
+    max_displacement_mm: float = Field(default=15.0, gt=0)
+    min_joints: int = Field(default=NUM_JOINTS, ge=0, le=NUM_JOINTS)
+    jpeg_quality: int = Field(default=95, ge=1, le=100)
+
+    def limits(self) -> SuspicionLimits:
+        """Return what is suspicious."""
+        return SuspicionLimits(self.min_confidence, self.max_reprojection_px, self.max_displacement_mm, self.min_joints)
+
+
 class RunConfig(_Model):
     """Everything but the stages' parameters, which are checked by their own classes."""
 
@@ -75,6 +94,7 @@ class RunConfig(_Model):
     hands2023_template: Path | None = None
     workspace: Path
     corrections: Path | None = None
+    corrected: Path | None = None
     run: str
     other: str = ""
     ego_network: Literal["shipped", "trained"] = "shipped"
@@ -84,6 +104,7 @@ class RunConfig(_Model):
     gc: GcConfig
     fsck: FsckConfig = FsckConfig()
     view: ViewConfig = ViewConfig()
+    suspects: SuspectsConfig = SuspectsConfig()
     _dag: Dag = PrivateAttr()
     _stages: Mapping[str, StageConfig] = PrivateAttr()
 

@@ -81,16 +81,19 @@ def write_coco_keypoints(path: Path, pictures: Sequence[CocoPicture]) -> None:
 def read_coco_keypoints(path: Path) -> list[CocoPicture]:
     """Read a file of this form, in the order of its images.
 
+    Tools number categories anew and may list joints in another order: their names count, where the file has them.
+
     Raises:
         FormatError: It is not as it should be; the message says what and where.
     """
     document = read_json_object(path)
+    categories = _read_categories(document, path)
     hands: dict[int, list[CocoHand]] = {}
     for index, value in enumerate(json_list(member(document, "annotations", str(path)), f"{path}: annotations")):
         where = f"{path}: annotation {index}"
         block = json_object(value, where)
         image = whole_number(member(block, "image_id", where), f"{where}, image_id")
-        hands.setdefault(image, []).append(_read_hand(block, where))
+        hands.setdefault(image, []).append(_read_hand(block, categories, where))
     pictures = []
     for index, value in enumerate(json_list(member(document, "images", str(path)), f"{path}: images")):
         where = f"{path}: image {index}"
@@ -131,13 +134,37 @@ def _annotation(number: int, image: int, hand: CocoHand) -> dict[str, Any]:
     }
 
 
-def _read_hand(block: Mapping[str, Any], where: str) -> CocoHand:
-    names = {number: hand for hand, number in CATEGORY_IDS.items()}
+def _read_categories(document: Mapping[str, Any], path: Path) -> dict[int, tuple[Hand, list[int]]]:
+    """Return for each category that is a hand which, and at which place of the file's list each of our joints is."""
+    if "categories" not in document:
+        return {number: (hand, list(range(NUM_JOINTS))) for hand, number in CATEGORY_IDS.items()}
+    found: dict[int, tuple[Hand, list[int]]] = {}
+    for index, value in enumerate(json_list(document["categories"], f"{path}: categories")):
+        where = f"{path}: category {index}"
+        block = json_object(value, where)
+        number = whole_number(member(block, "id", where), f"{where}, id")
+        hand = next((hand for hand in HANDS if block.get("name") == f"{hand}_hand"), None)
+        if hand is not None:
+            found[number] = hand, _joint_places(block.get("keypoints", []), f"{where}, keypoints")
+    return found
+
+
+def _joint_places(value: object, where: str) -> list[int]:
+    names = json_list(value, where)
+    if len(names) != NUM_JOINTS or set(map(str, names)) != set(JOINT_NAMES):
+        raise FormatError(f"{where}: has to name the {NUM_JOINTS} joints {', '.join(JOINT_NAMES)}.")
+    return [names.index(name) for name in JOINT_NAMES]
+
+
+def _read_hand(block: Mapping[str, Any], categories: Mapping[int, tuple[Hand, list[int]]], where: str) -> CocoHand:
     category = whole_number(member(block, "category_id", where), f"{where}, category_id")
-    if category not in names:
-        raise FormatError(f"{where}: category {category} is no hand; there are {sorted(names)}.")
-    keypoints = numbers(member(block, "keypoints", where), (3 * NUM_JOINTS,), f"{where}, keypoints").reshape(-1, 3)
+    if category not in categories:
+        raise FormatError(f"{where}: category {category} is no hand; there are {sorted(categories)}.")
+    hand, places = categories[category]
+    keypoints = numbers(member(block, "keypoints", where), (3 * NUM_JOINTS,), f"{where}, keypoints").reshape(-1, 3)[
+        places
+    ]
     left, top, width, height = numbers(member(block, "bbox", where), (4,), f"{where}, bbox").tolist()
     is_labelled = np.asarray(keypoints[:, 2] > 0)
     points = np.where(is_labelled[:, None], keypoints[:, :2], np.nan)
-    return CocoHand(names[category], points, is_labelled, (left, top, left + width, top + height))
+    return CocoHand(hand, points, is_labelled, (left, top, left + width, top + height))
