@@ -43,6 +43,11 @@ class Measured:
     rounds: Sequence[str]
     block_frames: int
 
+    def ends(self, pool: Pool) -> list[str]:
+        """Return the first and the last round's method, or all methods of a pool that are of no rounds."""
+        methods = [cell.row for cell in self.cells[pool.name] if cell.table == TABLE]
+        return list(dict.fromkeys([self.rounds[0], self.rounds[-1]] if self.rounds else methods))
+
     def curves(self, pool: Pool) -> list[PckCurve]:
         """Return each method's PCK curve.
 

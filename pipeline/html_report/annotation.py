@@ -50,11 +50,11 @@ def pool_title(pool: Pool) -> str:
 
 def sequences(run: FinishedRun) -> Iterator[Block]:
     """Yield every sequence's figures before and after the rounds, so that odd ones stand out."""
-    ends = list(dict.fromkeys([*run.measured.rounds[:1], *run.measured.rounds[-1:]]))
-    rows = sorted(_sequence_row(run, errors, ends) for pool in judged_pools(run) for errors in pool.errors)
-    columns = [f"{name}: {method_label(method)}" for name in _SEQUENCE_FIGURES.values() for method in ends]
-    grid = Grid("Every sequence, in the first and the last round", ["sequence", *columns, "joints found"], rows)
-    yield Table(grid)
+    for pool in judged_pools(run):
+        ends = run.measured.ends(pool)
+        columns = [f"{name}: {method_label(method)}" for name in _SEQUENCE_FIGURES.values() for method in ends]
+        rows = sorted(_sequence_row(run, errors, ends) for errors in pool.errors)
+        yield Table(Grid(pool_title(pool), ["sequence", *columns, "joints found"], rows))
 
 
 def bound_last(rows: Sequence[Sequence[str]]) -> list[Sequence[str]]:

@@ -42,8 +42,9 @@ class _Rated(NamedTuple):
 
 def instants(run: FinishedRun) -> Iterator[Block]:
     """Yield strips of the worst hands, by error or else by reprojection, and of random ones."""
-    unit = "mm from the truth" if run.measured.pools else "px from its 2D keypoints"
-    rated = list(_by_error(run) if run.measured.pools else _by_reprojection(run))
+    is_judged = bool(run.measured.rounds)
+    unit = "mm from the truth" if is_judged else "px from its 2D keypoints"
+    rated = list(_by_error(run) if is_judged else _by_reprojection(run))
     if not rated:
         raise NothingToShow("this run has no rounds.")
     known = [hand for hand in rated if np.isfinite(hand.last)]

@@ -27,11 +27,11 @@ def joints(run: FinishedRun) -> Iterator[Block]:
 
 def _of_pool(run: FinishedRun, pool: Pool) -> Iterator[Block]:
     cells = [cell for cell in run.measured.cells[pool.name] if cell.metric == "mpjpe_mm"]
-    by_joint = {name: _by_joint(cells, name) for name in run.measured.rounds}
+    by_joint = {name: _by_joint(cells, name) for name in run.measured.ends(pool)}
     shown = {name: values for name, values in by_joint.items() if np.isfinite(values).any()}
     if not shown:
         return
-    yield from _drawings(pool, {name: shown[name] for name in (next(iter(shown)), next(reversed(shown)))})
+    yield from _drawings(pool, shown)
     grids = [_by_group(cells, "joint"), *(_by_group(cells, name) for name in _GROUPS)]
     tables = [Table(grid, shaded=range(1, len(grid.columns) - 2)) for grid in grids if grid.rows]
     yield Fold(f"Tables by joint, {', '.join(_GROUPS[:-1])} and {_GROUPS[-1]}; {pool_title(pool)}", tables)

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import ClassVar, Final
 
 import jinja2
+import pyarrow as pa
 from markupsafe import Markup
 
 from pipeline.grids import Grid, leading_number
@@ -22,6 +23,7 @@ MAX_PICTURE_BYTES: Final = 8_000_000
 """Of all pictures of a page together, as they stand in it."""
 MAX_ROWS: Final = 1000
 """Of a table."""
+_UNREADABLE: Final = (KeyError, OSError, pa.ArrowException)
 _NO_FIGURE: Final = frozenset({"", "–"})
 _WIDE_FROM: Final = 12
 """Columns, which are set smaller on paper."""
@@ -172,6 +174,8 @@ class Page:
 def sections(makers: Iterable[tuple[str, Callable[[], Iterable[Block]]]]) -> list[Section]:
     """Return the sections that there is something for; the last one says of the others why there is nothing.
 
+    Tables that are gone, or of a version with other columns, cost a page the parts that need them and nothing else.
+
     Args:
         makers: Title of each section, and what makes its blocks or raises `NothingToShow`.
     """
@@ -181,8 +185,14 @@ def sections(makers: Iterable[tuple[str, Callable[[], Iterable[Block]]]]) -> lis
             found.append(Section(title, list(make())))
         except NothingToShow as reason:
             absent.setdefault(str(reason), []).append(title)
+        except _UNREADABLE as error:
+            absent.setdefault(f"its tables are gone or of another version ({_first_line(error)}).", []).append(title)
     lines = [Text(f"{', '.join(titles)}: {reason}") for reason, titles in absent.items()]
     return [*found, Section("Not on this page", lines)] if lines else found
+
+
+def _first_line(error: Exception) -> str:
+    return next(iter(str(error).splitlines()), type(error).__name__)
 
 
 def _within_bounds(sections: Sequence[Section]) -> list[Section]:

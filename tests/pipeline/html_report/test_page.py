@@ -4,6 +4,7 @@ import re
 from collections.abc import Iterator
 from functools import partial
 
+import pyarrow as pa
 import pytest
 from markupsafe import Markup
 
@@ -78,6 +79,14 @@ def test_parts_without_anything_are_named_at_the_end_with_the_reason() -> None:
         Section("Not on this page", [Text("a, c: none."), Text("b: gone.")]),
     ]
     assert pages.sections([("d", lambda: [Text("there")])]) == found[:1]
+
+
+def test_tables_of_another_version_cost_only_the_parts_that_need_them() -> None:
+    table = pa.table({"old": [1]})
+    parts = pages.sections([("a", lambda: [Text(str(table["new"]))]), ("d", lambda: [Text("there")])])
+    (line,) = parts[-1].blocks
+    assert parts[0] == Section("d", [Text("there")]) and isinstance(line, Text)
+    assert line.text.startswith("a: its tables are gone or of another version (") and "new" in line.text
 
 
 def test_columns_of_words_and_numbers_stand_left_and_wide_tables_are_marked() -> None:

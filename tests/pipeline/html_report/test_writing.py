@@ -9,7 +9,7 @@ import pytest
 from html_runs import HOSTILE, finished, write_networks, write_run
 from rich.console import Console
 
-from pipeline.html_report.page import Fold, Page, Picture, Section, Table, Text
+from pipeline.html_report.page import Drawings, Fold, Page, Picture, Section, Table, Text
 from pipeline.html_report.writing import run_page, write_page
 
 
@@ -114,6 +114,20 @@ def test_nothing_from_data_reaches_the_page_as_markup(page: Page) -> None:
     )
     assert html.escape(HOSTILE) in written and written.count('src="data:image/') >= 4
     assert len(written) < 5_000_000
+
+
+def test_methods_of_no_round_are_shown_as_they_are(tmp_path: Path) -> None:
+    """As `ego_only` leaves them: rounds that were not evaluated, and a method beside them that was."""
+    run = write_run(tmp_path, "ego")
+    for node in run.glob("evaluation_[0-9]"):
+        node.rename(node.with_name(node.name.replace("evaluation", "evaluation_ego_only")))
+    page = run_page(finished(tmp_path, "ego"))
+    (table,) = _tables(_section(page, "Sequences"))
+    assert "PCK-AUC (%): R1" in table.grid.columns and len(table.grid.columns) == 2 + 3 * 3
+    (drawings,) = [block for block in _section(page, "Error by joint").blocks if isinstance(block, Drawings)]
+    assert [caption.split(":")[0] for _, caption in drawings.drawings] == ["2D + triangulation", "R1", "R2"]
+    captions = [b.caption for b in _section(page, "Worst and random hands").blocks if isinstance(b, Picture)]
+    assert any("px from its 2D keypoints: R2 1.0" in caption for caption in captions)
 
 
 def test_an_empty_run_has_a_page_of_sentences(tmp_path: Path) -> None:
