@@ -91,7 +91,7 @@ def _plan(config: RunConfig, console: Console) -> int:
         _say(console, f"the studio has to record first, the rest is known then: {before.seq}")
         config = before
     works = _works(config, "plan")
-    rows = make_plan(works, Store(config.workspace), History(config.workspace))
+    rows = make_plan(works, Store(config.workspace), History(config.workspace), is_only_told=True)
     summary.print_plan(console, rows, total_seconds(rows, resolve_workers(config.executor)[0]))
     return 0
 

@@ -8,7 +8,7 @@ from typing import Any
 from assemblyhands_core.data.store import DamagedEntry, Store
 from pipeline.graph import Node
 from pipeline.history import History
-from pipeline.tasks import Task, find_entry, key_parts
+from pipeline.tasks import Task, find_entry, foresee, key_parts
 from pipeline.work import SequenceWork
 
 
@@ -30,18 +30,27 @@ class PlannedNode:
     seconds: float | None
 
 
-def make_plan(works: Sequence[SequenceWork], store: Store, history: History) -> list[PlannedNode]:
-    """Settle every shard whose entry is in the store, and say of the others why they run."""
+def make_plan(
+    works: Sequence[SequenceWork], store: Store, history: History, *, is_only_told: bool = False
+) -> list[PlannedNode]:
+    """Settle every shard whose entry is in the store, and say of the others why they run.
+
+    Args:
+        works: The tasks.
+        store: Where entries are.
+        history: Of earlier runs.
+        is_only_told: Nothing runs afterwards: then quick stages are tried out, so that what follows from them is known.
+    """
     rows: dict[str, list[PlannedNode]] = {work.recording.sequence_id: [] for work in works}
     for name in works[0].config.dag.nodes if works else ():  # node by node, as what is about all waits for each
         for work in works:
             rows[work.recording.sequence_id] += [
-                _plan_node(work, n, store, history) for n in work.nodes if n.name == name
+                _plan_node(work, n, store, history, is_only_told) for n in work.nodes if n.name == name
             ]
     return [row for of_work in rows.values() for row in of_work]
 
 
-def _plan_node(work: SequenceWork, node: Node, store: Store, history: History) -> PlannedNode:
+def _plan_node(work: SequenceWork, node: Node, store: Store, history: History, is_only_told: bool) -> PlannedNode:
     name = work.recording.sequence_id
     if node not in list(work.known_nodes()):
         cutting = node.chunk_edge.partition(".")[0] or "the sequences are cut"
@@ -52,6 +61,8 @@ def _plan_node(work: SequenceWork, node: Node, store: Store, history: History) -
             to_run.append(task)
     num_reused = len(work.shards(node)) - len(to_run)
     reason = _why(work, to_run, store, history)
+    if is_only_told and node.stage.is_quick:
+        _foresee(work, to_run, store)
     return PlannedNode(name, node.name, num_reused, len(to_run), reason, _estimate(node, len(to_run), history))
 
 
@@ -67,6 +78,14 @@ def _settle(work: SequenceWork, task: Task, store: Store) -> bool:
     except DamagedEntry:  # it is set aside, so the task runs
         return False
     return True
+
+
+def _foresee(work: SequenceWork, tasks: Sequence[Task], store: Store) -> None:
+    """Settle tasks by what they would give; not those that wait for others, or would fail."""
+    for task in tasks:
+        result = None if work.missing_upstream(task) else foresee(task, work.upstream(task))
+        if result is not None:
+            work.settle(result, store)
 
 
 def _why(work: SequenceWork, to_run: Sequence[Task], store: Store, history: History) -> str:

@@ -134,10 +134,24 @@ def run_task(task: Task, upstream: Upstream) -> Result:
         return Result(task.node.name, task.shard, "failed", error=_sentence(error))
 
 
+def foresee(task: Task, upstream: Upstream) -> Result | None:
+    """Return what running a quick stage would give, and leave nothing behind; None where it would fail."""
+    stage, store = task.node.stage, Store(task.workspace)
+    try:
+        inputs = _inputs(task, upstream, store)
+        tables = stage.run(task.config, inputs, Context(Path(), task.shard.sequence_id))
+    except (ValueError, OSError):  # the run itself will say so
+        return None
+    outputs = {
+        name: Output(spec.digest(tables[name]), tables[name].num_rows, 0) for name, spec in stage.outputs.items()
+    }
+    return Result(task.node.name, task.shard, "done", digest_json(key_parts(task, upstream)), outputs)
+
+
 def _compute(task: Task, upstream: Upstream, store: Store) -> Result:
     stage: Stage[Any] = task.node.stage
     started = time.perf_counter()
-    inputs = {role: _read_input(task, role, edge, upstream, store) for role, edge in _filled(task, upstream).items()}
+    inputs = _inputs(task, upstream, store)
     with store.draft(stage.name, key_parts(task, upstream)) as draft:
         scratch = scratch_folder(task.workspace, stage.name, draft.key)
         context = Context(draft.folder, task.shard.sequence_id, task.num_threads, scratch)
@@ -175,6 +189,10 @@ def _input_digests(task: Task, edge: str, upstream: Upstream) -> list[str]:
     node, output = edge.split(".")
     slice_name = f"#{task.shard.chunk}" if _is_sliced(task, edge) else ""
     return [result.outputs[output].digest + slice_name for result in upstream[node]]
+
+
+def _inputs(task: Task, upstream: Upstream, store: Store) -> dict[str, pa.Table]:
+    return {role: _read_input(task, role, edge, upstream, store) for role, edge in _filled(task, upstream).items()}
 
 
 def _read_input(task: Task, role: str, edge: str, upstream: Upstream, store: Store) -> pa.Table:

@@ -64,6 +64,7 @@ class Stage(Generic[ConfigT]):
         shard: one call per sequence, per chunk of frames of a sequence, or for the set of all sequences of a run.
         optional: roles that may be without rows. `inputs` lacks them then, and the result and its key are those of a
             stage that has no such role: what they add costs nobody anything who does not use it.
+        is_quick: it takes no time and writes no blobs, so that `plan` may run it in order to tell what follows from it.
         externals: what the result depends on beyond config and tables (weights, package versions, files named in the
             config), as name → digest. Part of the cache key.
     """
@@ -77,3 +78,4 @@ class Stage(Generic[ConfigT]):
     shard: Sharding
     externals: Callable[[ConfigT, str], Mapping[str, str]] = no_externals
     optional: frozenset[str] = frozenset()
+    is_quick: bool = False

@@ -50,4 +50,5 @@ STAGE = Stage(
     outputs={"corrections": CORRECTIONS},
     run=run,
     shard="chunk",
+    is_quick=True,
 )

@@ -127,6 +127,8 @@ def test_one_chunk_runs_again_and_the_plan_says_so(corrected: Corrected) -> None
     lines = {cells[1]: cells for line in corrected.plan.out.splitlines() if len(cells := _cells(line)) > 4}
     assert lines["corrections"][2:4] == ["0", str(NUM_CHUNKS)]
     assert lines["detect_keypoints"][2:4] == [str(NUM_CHUNKS), "0"]
+    assert lines["round_0"][2:5] == [str(NUM_CHUNKS - 1), "1", "input corrections is new"]
+    assert lines["quality"][2:5] == ["0", "1", "round_0 runs first"]
     assert corrected.made["triangulate"] == 1, "the chunk with the bad instant"
     assert set(corrected.made) <= {"read_corrections", "triangulate", "measure_quality", "draw_overlays"}
 

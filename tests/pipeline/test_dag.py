@@ -4,7 +4,7 @@ import pytest
 
 from assemblyhands_core.data.catalog import CHUNKS, SOURCES, VIEWS
 from pipeline.dag import build_dag
-from pipeline.graph import JUDGED_EDGE, SOURCE_EDGE, TRUTH_EDGE, Dag
+from pipeline.graph import CORRECTION_EDGE, JUDGED_EDGE, SOURCE_EDGE, TRUTH_EDGE, Dag
 from stages._contract import Stage, StageConfig
 
 
@@ -114,3 +114,27 @@ def test_a_node_is_cut_as_it_is_told_and_chunks_of_two_kinds_do_not_mix() -> Non
         dag.add("mixed", mixed, chunks="coarse.chunks", views="other.views")
     whole = replace(mixed, shard="sequence")
     dag.add("whole", whole, chunks="coarse.chunks", views="other.views")
+
+
+def test_an_optional_role_may_stay_empty() -> None:
+    dag = Dag()
+    dag.add("first", _stage(sources=SOURCES), sources=SOURCE_EDGE)
+    dag.add("extra", _stage(truth=SOURCES), truth=TRUTH_EDGE)
+    optional = replace(_stage(chunks=CHUNKS, more=CHUNKS), optional=frozenset({"more"}))
+    dag.add("both", optional, chunks="first.chunks", more="extra.chunks")
+    dag.add("alone", optional, chunks="first.chunks")
+    with pytest.raises(ValueError, match="node odd: stage s has the roles"):
+        dag.add("odd", optional, more="extra.chunks")
+    assert [node.name for node in dag.upto(("both",))] == ["first", "extra", "both"]
+    first, both = dag.upto(("both",), (TRUTH_EDGE,))
+    assert (first.name, both.name, dict(both.inputs)) == ("first", "both", {"chunks": "first.chunks"})
+    assert both.upstream == ("first",) and both.chunk_edge == dag.nodes["both"].chunk_edge
+
+
+def test_the_upper_bound_knows_of_no_corrections() -> None:
+    dag = build_dag()
+    readers = {node.name for node in dag.nodes.values() if "corrections.corrections" in node.inputs.values()}
+    assert readers == {"round_0", "round_1", "round_2", "round_3"}
+    without = {node.name: node for node in dag.upto(dag.targets["annotate"], (CORRECTION_EDGE,))}
+    assert readers < set(without) and "corrections" not in without
+    assert all("corrections" not in node.inputs for node in without.values())

@@ -12,11 +12,11 @@ import torch
 
 from assemblyhands_core.data.arrays import to_numpy
 from assemblyhands_core.data.camera_rows import camera_to_row, missing_camera_row, valid_cameras
-from assemblyhands_core.data.catalog import CROPS, HAND_BOXES, JOINTS, KEYPOINTS
+from assemblyhands_core.data.catalog import CORRECTIONS, CROPS, HAND_BOXES, JOINTS, KEYPOINTS
 from assemblyhands_core.data.crop_images import encode_jpeg
 from assemblyhands_core.data.digests import digest_file
 from assemblyhands_core.geometry.crops import crop_camera
-from assemblyhands_core.hands.joints import HANDS, ROOT
+from assemblyhands_core.hands.joints import HANDS, JOINT_NAMES, ROOT
 from assemblyhands_core.hands.kinematics import HandPose, HandSkeleton, forward_kinematics
 from assemblyhands_core.models.mvexonet import HandEstimate, MVExoNet, MVExoNetConfig
 from assemblyhands_core.models.pretrained import save_weights
@@ -510,3 +510,52 @@ def test_weights_come_from_the_file_of_the_config(scene: Scene, tiny: MVExoNet, 
 
 def test_no_rows_give_empty_tables(run: Any) -> None:
     assert run(KnownAnswer(_moved()), {"joints": JOINTS.empty()}) == {"joints": [], "rounds": []}
+
+
+def _corrections(scene: Scene, key: tuple[int, str], joints: tuple[int, ...], num_views: int) -> pa.Table:
+    """What people would set: the truth, in the first views."""
+    rows = [
+        _names(key, camera_id=camera.camera_id, joint=JOINT_NAMES[joint], visibility=2, weight=10.0)
+        | {"corrected_px": camera.project(TRUE_MM[key][joint])}
+        for camera in scene.cameras[:num_views]
+        for joint in joints
+    ]
+    return CORRECTIONS.from_rows(rows)
+
+
+def test_joints_that_people_hold_stay_where_they_are(run: Any, scene: Scene) -> None:
+    """The network is 3 mm off; of one hand, two joints were set in two views, and one in a single view."""
+    both = _corrections(scene, KEYS[1], (2, 20), 2)
+    given = {"corrections": pa.concat_tables([both, _corrections(scene, KEYS[1], (7,), 1)])}
+    tables = run(KnownAnswer(_moved(1.0, 2.0, 2.0)), given)
+    for key, row, detail in zip(KEYS, tables["joints"], tables["rounds"], strict=True):
+        expected = TRUE_MM[key] + (1.0, 2.0, 2.0)
+        if key == KEYS[1]:
+            expected[[2, 20]] = TRUE_MM[key][[2, 20]]
+        np.testing.assert_allclose(_points(row), expected, atol=1e-3)
+        assert row["source"] == ("manual" if key == KEYS[1] else "mvexonet")
+        assert (f"corrected in one view, two hold a joint: {JOINT_NAMES[7]}" == detail["note"]) == (key == KEYS[1])
+        assert detail["kept_round"] == 1
+
+
+def test_held_joints_survive_a_network_that_is_not_sure_and_one_that_is_not_believed(run: Any, scene: Scene) -> None:
+    corrections = {"corrections": _corrections(scene, KEYS[0], (4,), 2)}
+    for network in (KnownAnswer(_moved(), confidence=0.01), KnownAnswer(_moved(500.0, 0.0, 0.0))):
+        first = run(network, corrections)["joints"][0]
+        np.testing.assert_allclose(_points(first)[4], TRUE_MM[KEYS[0]][4], atol=1e-3)
+        assert first["valid"][4] and first["source"] == "manual" and first["num_views"][4] == 4
+
+
+def test_a_joint_that_could_not_be_triangulated_is_not_held(run: Any, scene: Scene) -> None:
+    given = {"corrections": _corrections(scene, KEYS[0], (4,), 2), "triangulated": _joints(missing=(4,))}
+    first = run(KnownAnswer(_moved(1.0, 2.0, 2.0)), given)["joints"][0]
+    np.testing.assert_allclose(_points(first), TRUE_MM[KEYS[0]] + (1.0, 2.0, 2.0), atol=1e-3)
+    assert first["source"] == "mvexonet"
+
+
+def test_a_corrected_hand_that_was_kept_is_asked_again(run: Any, scene: Scene) -> None:
+    """Joints that did not move, as their round was not believed, have not converged."""
+    kept = _joints(1, source="manual")
+    earlier = {"joints": kept, "earlier_joints": _joints(0), "corrections": _corrections(scene, KEYS[0], (4,), 2)}
+    reasons = [row["reason"] for row in run(KnownAnswer(_moved()), earlier, stop_below_mm=1.0)["rounds"]]
+    assert set(reasons) == {""}

@@ -8,9 +8,10 @@ import pytest
 
 from assemblyhands_core.data.arrays import to_numpy
 from assemblyhands_core.data.camera_rows import camera_to_row, missing_camera_row
-from assemblyhands_core.data.catalog import KEYPOINTS, VIEWS
+from assemblyhands_core.data.catalog import CORRECTIONS, KEYPOINTS, VIEWS
 from assemblyhands_core.geometry.cameras import Camera
 from assemblyhands_core.geometry.distortion import OpenCVLens
+from assemblyhands_core.hands.joints import JOINT_NAMES
 from stages._contract import Context
 from stages.triangulate import STAGE, TriangulateConfig
 
@@ -192,3 +193,74 @@ def test_a_lone_joint_is_its_own_hand() -> None:
     confidence[:, :, :, :20] = 0.0
     joints = _run(_keypoints(pixels, confidence), config=CONFIG.model_copy(update={"max_span_mm": 1.0}))["joints"]
     assert (_column(joints, "valid").reshape(-1, NUM_JOINTS) == (np.arange(NUM_JOINTS) == 20)).all()
+
+
+def _corrected(
+    keypoints: pa.Table, *points: tuple[int, str, str, int, tuple[float, float] | None]
+) -> dict[str, pa.Table]:
+    """Run with corrections: frame, hand, camera, joint, and where it is or None where it is not seen."""
+    rows = [
+        {"sequence_id": "s", "frame": frame, "hand": hand, "camera_id": camera, "joint": JOINT_NAMES[joint]}
+        | {"corrected_px": place or (np.nan, np.nan), "visibility": 2 if place else 0, "weight": 10.0}
+        for frame, hand, camera, joint, place in points
+    ]
+    inputs = {"views": _views(), "keypoints": keypoints, "corrections": CORRECTIONS.from_rows(rows)}
+    return dict(STAGE.run(CONFIG, inputs, Context(Path(), "s")))
+
+
+def _true_px(view: int, frame: int, hand: int, joint: int) -> tuple[float, float]:
+    x, y = CAMERAS[view].project(POINTS_MM[frame, hand, joint])
+    return float(x), float(y)
+
+
+def test_two_people_outvote_two_detectors_and_the_row_says_so() -> None:
+    """Views c and d agree on another point; so do a and b, once somebody has set the joint there."""
+    pixels, confidence = _observe()
+    elsewhere_mm = POINTS_MM[0, 1, 5] + (60.0, 40.0, 0.0)
+    for view, camera in enumerate(CAMERAS):
+        pixels[0, 1, view, 5] = camera.project(elsewhere_mm)
+    keypoints = _keypoints(pixels, confidence)
+    wrong_mm = _column(_run(keypoints)["joints"], "joints_world_mm").reshape(2, 2, NUM_JOINTS, 3)[0, 1, 5]
+    assert np.linalg.norm(wrong_mm - elsewhere_mm) < 1e-2
+    tables = _corrected(keypoints, *((7, "left", name, 5, _true_px(v, 0, 1, 5)) for v, name in enumerate("ab")))
+    joints = tables["joints"]
+    error_mm = np.linalg.norm(_column(joints, "joints_world_mm").reshape(2, 2, NUM_JOINTS, 3) - POINTS_MM, axis=-1)
+    assert error_mm.max() < 0.5  # what detectors say within twice the threshold has a weight of 1 to 100 still
+    assert joints["source"].to_pylist() == ["2d_triangulation", "manual", "2d_triangulation", "2d_triangulation"]
+    is_inlier = _column(tables["residuals"], "is_inlier").reshape(2, 2, 4, NUM_JOINTS)
+    assert is_inlier[0, 1, :, 5].tolist() == [True, True, False, False]
+    assert tables["residuals"].num_rows == keypoints.num_rows
+
+
+def test_what_somebody_says_is_not_seen_does_not_count() -> None:
+    pixels, confidence = _observe()
+    keypoints = _keypoints(pixels, confidence)
+    joints = _corrected(keypoints, *((7, "right", name, 3, None) for name in "abc"))["joints"]
+    reasons = _column(joints, "reason").reshape(2, 2, NUM_JOINTS)
+    assert reasons[0, 0, 3] == "too_few_views" and (reasons != "").sum() == 1
+
+
+def test_a_joint_that_people_hold_is_never_a_stray() -> None:
+    """All other joints of the hand were found 300 mm away."""
+    pixels, confidence = _observe()
+    for view, camera in enumerate(CAMERAS):
+        pixels[0, 0, view] = camera.project(POINTS_MM[0, 0] + (0.0, 300.0, 0.0))
+    keypoints = _keypoints(pixels, confidence)
+    places = {view: (7, "right", "abcd"[view], 2, _true_px(view, 0, 0, 2)) for view in (0, 1)}
+    joints = _corrected(keypoints, *places.values())["joints"]
+    found_mm = _column(joints, "joints_world_mm").reshape(2, 2, NUM_JOINTS, 3)[0, 0, 2]
+    assert np.linalg.norm(found_mm - POINTS_MM[0, 0, 2]) < 1e-2
+
+
+def test_a_view_without_a_row_gets_one_from_a_correction() -> None:
+    keypoints = _keypoints(*_observe())
+    few = keypoints.filter(~(np.arange(keypoints.num_rows) < 3))  # of the first hand, view d alone
+    tables = _corrected(few, (7, "right", "a", 0, _true_px(0, 0, 0, 0)))
+    assert tables["residuals"].num_rows == few.num_rows + 1
+    valid = _column(tables["joints"], "valid").reshape(2, 2, NUM_JOINTS)
+    assert valid[0, 0].tolist() == [True] + [False] * 20
+
+
+def test_without_corrections_nothing_changes() -> None:
+    keypoints = _keypoints(*_observe())
+    assert all(table.equals(_run(keypoints)[name]) for name, table in _corrected(keypoints).items())
