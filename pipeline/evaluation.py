@@ -1,12 +1,13 @@
 """What a run says about its annotation where the truth is known: by sequence, over all of them, and between methods."""
 
 from collections import defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.parquet as pq
 from rich.console import Console
 
@@ -16,6 +17,7 @@ from pipeline.config import RunConfig
 from pipeline.grids import Grid, rich_table
 from pipeline.manifests import select_rows
 from stages import evaluate
+from stages.triangulate_ego import SOURCE as EGO_ONLY
 
 METRIC_NAMES: Final = {
     "mpjpe_mm": "MPJPE (mm)",
@@ -33,6 +35,10 @@ _COMPARED: Final = {
 
 POOLED: Final = "all"
 """What stands for the sequence in figures over several."""
+
+_HEADSET_ALONE: Final = ", headset alone"
+_SUFFIXES: Final = {"evaluation_ego_only_manual": ", people's crops"}
+"""What is added to the names of a node's methods, since another node has methods of the same names."""
 
 Rows = Iterable[Mapping[str, Any]]
 
@@ -60,14 +66,29 @@ def kinds_of_sequences(config: RunConfig) -> dict[str, str]:
 
 
 def pools(errors: Mapping[str, pa.Table], kinds: Mapping[str, str]) -> list[Pool]:
-    """Return the sequences by kind: people that networks were trained on and other rigs are figures of their own."""
-    by_kind: dict[str, list[str]] = defaultdict(list)
-    for name in errors:
-        by_kind[kinds.get(name, "")].append(name)
+    """Return the sequences by kind: people that networks were trained on and other rigs are figures of their own.
+
+    So is what was found from the headset alone, which not every recording has.
+    """
+    by_kind: dict[str, dict[str, pa.Table]] = defaultdict(dict)
+    for name, table in errors.items():
+        by_kind[kinds.get(name, "")][name] = table
     return [
-        _pool(POOLED if len(by_kind) == 1 else f"{POOLED} {kind}".strip(), {name: errors[name] for name in names})
-        for kind, names in by_kind.items()
+        _pool(f"{POOLED if len(by_kind) == 1 else f'{POOLED} {kind}'.strip()}{family}", tables)
+        for kind, of_kind in by_kind.items()
+        for family, tables in _families(of_kind).items()
     ]
+
+
+def _families(errors: Mapping[str, pa.Table]) -> dict[str, dict[str, pa.Table]]:
+    """Return the errors by what methods saw: everything, or the headset's pictures alone."""
+    found: dict[str, dict[str, pa.Table]] = {"": {}, _HEADSET_ALONE: {}}
+    for name, table in errors.items():
+        is_ego = pc.starts_with(table["method"], EGO_ONLY)
+        for family, rows in (("", table.filter(pc.invert(is_ego))), (_HEADSET_ALONE, table.filter(is_ego))):
+            if rows.num_rows:
+                found[family][name] = rows
+    return {family: tables for family, tables in found.items() if tables}
 
 
 def _pool(name: str, errors: Mapping[str, pa.Table]) -> Pool:
@@ -82,10 +103,10 @@ def print_evaluation(console: Console, config: RunConfig, run: Path, kinds: Mapp
     settings = config.stages[evaluate.STAGE.name]
     assert isinstance(settings, evaluate.EvaluateConfig)
     errors = read_errors(run)
+    rows = list(read_metrics(run))
     for name in errors:
-        paths = sorted(run.glob(f"evaluation_*/metrics/{name}.parquet"))
-        rows = [row for path in paths for row in pq.read_table(path.resolve()).to_pylist()]
-        console.print(rich_table(method_grid(f"{name} against the simulator's truth", rows)))
+        own = [row for row in rows if row["sequence_id"] == name]
+        console.print(rich_table(method_grid(f"{name} against the simulator's truth", own)))
     for pool in pools(errors, kinds):
         _print_pooled(console, pool, settings.resampling)
 
@@ -110,8 +131,21 @@ def read_errors(run: Path) -> dict[str, pa.Table]:
     """Return the errors of all methods by sequence."""
     tables: dict[str, list[pa.Table]] = defaultdict(list)
     for path in sorted(run.glob("evaluation_*/errors/*.parquet")):
-        tables[path.stem].append(pq.read_table(path.resolve()).replace_schema_metadata(None))
+        table = pq.read_table(path.resolve()).replace_schema_metadata(None)
+        named = pc.binary_join_element_wise(table["method"], _suffix(path), "")
+        tables[path.stem].append(table.set_column(table.schema.get_field_index("method"), "method", named))
     return {name: pa.concat_tables(of_name) for name, of_name in tables.items()}
+
+
+def read_metrics(run: Path) -> Iterator[dict[str, Any]]:
+    """Yield the figures of every sequence, methods named as `read_errors` does."""
+    for path in sorted(run.glob("evaluation_*/metrics/*.parquet")):
+        for row in pq.read_table(path.resolve()).to_pylist():
+            yield row | {"row": row["row"] + _suffix(path)}
+
+
+def _suffix(path: Path) -> str:
+    return _SUFFIXES.get(path.parents[1].name, "")
 
 
 def method_grid(title: str, rows: Rows) -> Grid:

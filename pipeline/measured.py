@@ -44,9 +44,10 @@ class Measured:
     block_frames: int
 
     def ends(self, pool: Pool) -> list[str]:
-        """Return the first and the last round's method, or all methods of a pool that are of no rounds."""
+        """Return the first and the last round's method, or all methods of a pool that has none of rounds."""
         methods = [cell.row for cell in self.cells[pool.name] if cell.table == TABLE]
-        return list(dict.fromkeys([self.rounds[0], self.rounds[-1]] if self.rounds else methods))
+        rounds = [name for name in self.rounds if name in methods]
+        return list(dict.fromkeys([rounds[0], rounds[-1]] if rounds else methods))
 
     def curves(self, pool: Pool) -> list[PckCurve]:
         """Return each method's PCK curve.

@@ -5,7 +5,6 @@ from functools import partial
 from pathlib import Path
 from typing import Final
 
-import pyarrow.parquet as pq
 from rich.console import Console
 
 from assemblyhands_core.data.catalog import EVALUATION
@@ -13,7 +12,7 @@ from assemblyhands_core.metrics.annotation import Cell
 from assemblyhands_core.viz.figures import pck_figure, round_figure, save_figure
 from assemblyhands_core.viz.round_sheet import draw_sheet, save_sheet
 from pipeline.config import RunConfig
-from pipeline.evaluation import POOLED, Pool
+from pipeline.evaluation import POOLED, Pool, read_metrics
 from pipeline.finished import FinishedRun, open_run
 from pipeline.html_report.writing import write_page
 from pipeline.measured import RECORDINGS, Measured, NothingToShow
@@ -56,7 +55,7 @@ def _write_files(console: Console, run: FinishedRun) -> None:
         "metrics.csv": lambda path: _write_metrics(path, run.folder, measured.cells),
     }
     for pool in measured.pools or [Pool(POOLED, (), ())]:
-        suffix = pool.name.removeprefix(POOLED).replace(" ", "_")
+        suffix = pool.name.removeprefix(POOLED).replace(",", "").replace(" ", "_")
         makers |= {
             f"pck_curves{suffix}.png": partial(_draw_curves, measured, pool),
             f"error_by_round{suffix}.png": partial(_draw_rounds, measured, pool),
@@ -73,8 +72,7 @@ def _write_files(console: Console, run: FinishedRun) -> None:
 
 def _write_metrics(path: Path, run: Path, pooled: Mapping[str, Sequence[Cell]]) -> None:
     """Write a line for each figure: those of every sequence, and those of pools with their names for the sequence."""
-    tables = [pq.read_table(file.resolve()) for file in sorted(run.glob("evaluation_*/metrics/*.parquet"))]
-    rows = [row for table in tables for row in table.to_pylist()]
+    rows = list(read_metrics(run))
     if not rows:
         raise NothingToShow("nothing was evaluated")
     rows += [{"sequence_id": name, **cell._asdict()} for name, cells in pooled.items() for cell in cells]
