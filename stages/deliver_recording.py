@@ -135,7 +135,7 @@ def _flattened(root: Path, context: Context) -> list[dict[str, str]]:
 
 STAGE = Stage(
     name="deliver_recording",
-    version=2,
+    version=3,
     config=DeliverRecordingConfig,
     inputs={
         "takes": TAKES,

@@ -46,18 +46,20 @@ def annotate(
     Args:
         recording: Its name.
         joints: `ground_truth.TRUE_JOINTS` of the recording.
-        views: `ground_truth.TRUE_VIEWS` of the recording.
+        views: `ground_truth.TRUE_VIEWS` of the recording. Without any exocentric one, annotators are taken to have had
+            enough that are not part of it.
         frames: Of the videos, ascending.
         rate_hz: Of the videos.
     """
     chosen = list(frames)
     truth = dict(zip(_keys(joints), to_numpy(joints["joints_world_mm"]).reshape(-1, NUM_JOINTS, 3), strict=True))
     counts = _num_views(views)
+    unseen = np.full(NUM_JOINTS, 0 if counts else ENOUGH_VIEWS, dtype=np.int64)
     world = np.full((len(chosen), len(HANDS), NUM_JOINTS, 3), np.nan)
     is_valid = np.zeros(world.shape[:-1], dtype=bool)
     for index, frame in enumerate(chosen):
         rng = np.random.default_rng([zlib.crc32(recording.encode()), frame, _STREAM])
-        seen = np.stack([counts.get((frame, hand), np.zeros(NUM_JOINTS, np.int64)) for hand in HANDS])
+        seen = np.stack([counts.get((frame, hand), unseen) for hand in HANDS])
         errors = rng.normal(size=world.shape[1:]) * noise_mm(seen)[..., None]
         is_valid[index] = seen >= MIN_VIEWS
         true = np.stack([truth[frame, hand] for hand in HANDS])

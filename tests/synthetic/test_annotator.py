@@ -2,6 +2,7 @@
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute
 import pytest
 
 from assemblyhands_core.data.ground_truth import TrueInstant, ground_truth_tables
@@ -42,6 +43,16 @@ def test_noise_is_as_stated() -> None:
     assert valid[..., :20].all() and not valid[..., 20].any() and np.isnan(errors[..., 20, :]).all()
     spread = errors[..., :20, :].std(axis=(0, 1, 3))
     assert spread == pytest.approx(np.sqrt(2) * JOINT_NOISE_MM[:20], rel=0.15)
+
+
+def test_a_recording_of_the_headset_alone_was_labelled_in_pictures_that_are_not_part_of_it() -> None:
+    tables = truth(4)
+    is_ego = pa.compute.match_substring(tables["true_views"]["camera_id"], "HMC")
+    found = annotate(NAME, tables["true_joints"], tables["true_views"].filter(is_ego), range(NUM_FRAMES))
+    true = np.array(tables["true_joints"]["joints_world_mm"].to_pylist()).reshape(NUM_FRAMES, 2, 21, 3)
+    assert found.is_valid.all()
+    spread = (found.joints_world_mm - true).std(axis=(0, 1, 3))
+    assert spread == pytest.approx(JOINT_NOISE_MM, rel=0.15)
 
 
 def test_what_a_single_exocentric_view_shows_is_left_out() -> None:
