@@ -43,7 +43,9 @@ def judged_pools(run: FinishedRun) -> Sequence[Pool]:
 
 def pool_title(pool: Pool) -> str:
     """Return what kind of sequences they are, and how many."""
-    kind = dict.fromkeys(pool.name.removeprefix(POOLED).split())  # rig and split, once where they are the same word
+    kind = dict.fromkeys(
+        pool.name.removeprefix(POOLED).strip(", ").split()
+    )  # rig and split, once where they are the same word
     number = len(pool.errors)
     return f"{' '.join(kind) or POOLED}: {number} sequence{'s' if number != 1 else ''}"
 

@@ -5,10 +5,13 @@ import io
 import re
 from pathlib import Path
 
+import pyarrow as pa
 import pytest
 from html_runs import HOSTILE, finished, write_networks, write_run
 from rich.console import Console
 
+from pipeline.evaluation import Pool
+from pipeline.html_report.annotation import pool_title
 from pipeline.html_report.page import Drawings, Fold, Page, Picture, Section, Table, Text
 from pipeline.html_report.writing import run_page, write_page
 
@@ -140,3 +143,15 @@ def test_an_empty_run_has_a_page_of_sentences(tmp_path: Path) -> None:
     assert "This run annotated nothing." in written and "<table" not in written
     assert re.findall(r"<h2>(.*)</h2>", written) == ["Summary", "Not on this page"] and "<img" not in written
     assert "Annotation against the truth, Error by joint, Sequences: this run was not held against the truth" in written
+
+
+def test_kinds_of_sequences_are_named_once() -> None:
+    tables = [pa.table({})] * 2
+    names = ("all", "all desktop desktop", "all, headset alone", "all assembly test, headset alone")
+    titles = [pool_title(Pool(name, tables[: 1 + (name == "all")], [])) for name in names]
+    assert titles == [
+        "all: 2 sequences",
+        "desktop: 1 sequence",
+        "headset alone: 1 sequence",
+        "assembly test, headset alone: 1 sequence",
+    ]
