@@ -28,7 +28,9 @@ def test_they_are_small_and_say_where_they_come_from(path: Path) -> None:
     assert path.stat().st_size < MAX_BYTES
     assert {"data", "git commit", "samples", "steps", "training", "config"} <= set(card)
     trained_on = card["data"] + card.get("sequences", "")
-    assert any(name in trained_on for name in ("crops_train", "poses_train", "ego_crops_train")), "training subjects alone"
+    assert any(name in trained_on for name in ("crops_train", "poses_train", "ego_crops_train")), (
+        "training subjects alone"
+    )
 
 
 @pytest.fixture(scope="module")
