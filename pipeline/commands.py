@@ -120,6 +120,7 @@ def _run(config: RunConfig, console: Console, command_line: str) -> int:
     write_export(console, config, folder)
     write_hands2023(console, config, folder)
     summary.print_keypoints(console, folder)
+    summary.print_corrections(console, folder)
     summary.print_times(console, found, started)
     _say(console, f"results: {folder}")
     if all(result.has_entry for result in found):

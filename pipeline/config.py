@@ -74,14 +74,14 @@ class SuspectsConfig(_Model):
     min_gap_frames: int = Field(default=15, ge=1)
     max_views: int = Field(default=4, ge=1)
     min_confidence: float = Field(default=0.75, ge=0, le=1)
-    max_reprojection_px: float = Field(default=15.0, gt=0)
+    max_distance_px: float = Field(default=15.0, gt=0)
     max_displacement_mm: float = Field(default=15.0, gt=0)
     min_joints: int = Field(default=NUM_JOINTS, ge=0, le=NUM_JOINTS)
     jpeg_quality: int = Field(default=95, ge=1, le=100)
 
     def limits(self) -> SuspicionLimits:
         """Return what is suspicious."""
-        return SuspicionLimits(self.min_confidence, self.max_reprojection_px, self.max_displacement_mm, self.min_joints)
+        return SuspicionLimits(self.min_confidence, self.max_distance_px, self.max_displacement_mm, self.min_joints)
 
 
 class RunConfig(_Model):

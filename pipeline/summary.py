@@ -160,6 +160,18 @@ def print_keypoints(console: Console, run: Path) -> None:
                 console.print(line, markup=False, highlight=False, soft_wrap=True)
 
 
+def print_corrections(console: Console, run: Path) -> None:
+    """Print in which sequences people set points by hand."""
+    files = [path.resolve() for path in sorted((run / "corrections" / "corrections").glob("*.parquet"))]
+    if not files:
+        return
+    points = pa.concat_tables([pq.read_table(file) for file in files]).to_pandas()
+    for name, of_sequence in points.groupby("sequence_id"):
+        hands = len(of_sequence[["frame", "hand"]].drop_duplicates())
+        line = f"{name}: {len(of_sequence)} points of {hands} hands were corrected by hand"
+        console.print(line, markup=False, highlight=False, soft_wrap=True)
+
+
 def print_audit(console: Console, run: Path) -> None:
     """Print what ``doctor`` found in each recording."""
     for path in sorted((run / "audit" / "audit").glob("*.parquet")):

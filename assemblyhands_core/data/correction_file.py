@@ -128,7 +128,7 @@ def _correction(row: Mapping[str | None, Any], where: str) -> Correction:
     if hand not in HANDS:
         raise FormatError(f"{where}: unknown_hand: {hand!r}; a hand is {' or '.join(HANDS)}")
     if joint not in JOINT_NAMES:
-        raise FormatError(f"{where}: unknown_joint: {joint!r}; joints are {', '.join(JOINT_NAMES)}")
+        raise FormatError(f"{where}: unknown_joint: {joint!r}; joints are called {JOINT_NAMES[0]} to {JOINT_NAMES[-1]}")
     if visibility not in _VISIBILITIES:
         raise FormatError(f"{where}: unknown_visibility: {visibility!r}; 2 is seen, 1 hidden, 0 not to be used")
     is_seen = int(visibility) != NOT_SEEN

@@ -26,13 +26,13 @@ class SuspicionLimits:
 
     Attributes:
         min_confidence: Of the network in the last round, mean over the joints.
-        max_reprojection_px: Of the last round's joints, in the mean.
+        max_distance_px: Of the last round's joints, in the mean.
         max_displacement_mm: From one round to the next, mean over the joints.
         min_joints: Fewer known ones are suspicious.
     """
 
     min_confidence: float
-    max_reprojection_px: float
+    max_distance_px: float
     max_displacement_mm: float
     min_joints: int
 
@@ -66,7 +66,7 @@ def find_suspects(
     found: list[list[tuple[float, str]]] = [[] for _ in range(joints.num_rows)]
     _note_missing(found, joints, limits.min_joints)
     error_px = _error_px(joints) if rounds else _residual_px(joints, residuals)
-    _note(found, error_px / limits.max_reprojection_px, "off its 2D keypoints by {:.1f} px", error_px)
+    _note(found, error_px / limits.max_distance_px, "off its 2D keypoints by {:.1f} px", error_px)
     for number, table in enumerate(rounds, start=1):
         place = rows_of_hands(joints, table)
         moved_mm = to_numpy(table["displacement_mm"])[place].astype(np.float64)

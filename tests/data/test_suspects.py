@@ -6,7 +6,7 @@ import pyarrow as pa
 from assemblyhands_core.data.catalog import JOINTS, RESIDUALS, ROUNDS
 from assemblyhands_core.data.suspects import Suspect, SuspicionLimits, choose_suspects, find_suspects
 
-LIMITS = SuspicionLimits(min_confidence=0.5, max_reprojection_px=10.0, max_displacement_mm=20.0, min_joints=21)
+LIMITS = SuspicionLimits(min_confidence=0.5, max_distance_px=10.0, max_displacement_mm=20.0, min_joints=21)
 NUM_FRAMES = 4
 
 
