@@ -24,7 +24,7 @@ annotate: $(VENV)/.installed  ## video in, 3D hand joints out: SEQ=name (default
 evaluate: $(VENV)/.installed  ## annotate, and hold every round against the simulator's truth: SET=test, SET=desktop, or SEQ=name
 	$(RUN) evaluate $(SEQUENCE) $(ARGS)
 
-simulate: $(VENV)/.installed  ## record synthetic sequences: SET=tiny, test, desktop, ego, small or full, or SEQ=name
+simulate: $(VENV)/.installed  ## record synthetic sequences: SET=tiny, test, desktop, ego, verbs, small or full, or SEQ=name
 	$(RUN) simulate $(SEQUENCE) $(ARGS)
 
 all: $(VENV)/.installed-training  ## everything, from recordings to the tables of the paper and a report: PRESET=tiny, small or paper
