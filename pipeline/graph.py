@@ -120,9 +120,9 @@ class Dag:
             if lost <= node.stage.optional or node.shard == "set":  # others may bring what a set needs
                 possible[node.name] = node.without(lost & node.stage.optional)
         wanted = set(targets).intersection(possible)
-        for node in reversed(possible.values()):
-            if node.name in wanted:
-                wanted.update(set(node.upstream).intersection(possible))
+        # What the set is about needs this sequence even where what follows from it is not possible here.
+        wanted |= {name for name in _closure(self.nodes, set(targets)) if self.nodes[name].shard == "set"}
+        wanted = _closure(possible, wanted)
         return [node for node in possible.values() if node.name in wanted]
 
     def reads(self, edge: str, targets: tuple[str, ...]) -> bool:
@@ -157,3 +157,12 @@ class Dag:
             found = outputs[output]
         if found is not wanted:
             raise ValueError(f"node {name}: role {role} takes table {wanted.name}, {edge} is table {found.name}")
+
+
+def _closure(nodes: dict[str, Node], targets: set[str]) -> set[str]:
+    """Return targets and all nodes that lead to them, of those given, which stand in order."""
+    wanted = targets.intersection(nodes)
+    for node in reversed(nodes.values()):
+        if node.name in wanted:
+            wanted.update(set(node.upstream).intersection(nodes))
+    return wanted
