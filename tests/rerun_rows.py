@@ -1,9 +1,6 @@
 """What a file for rerun holds, read back with rerun's own reader."""
 
-import shutil
-import tempfile
 from collections import defaultdict
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +15,7 @@ STATIC = None
 def read_rerun_file(path: Path) -> dict[str, dict[str, dict[int | None, Any]]]:
     """Return every value by entity, component and frame."""
     found: dict[str, dict[str, dict[int | None, Any]]] = defaultdict(lambda: defaultdict(dict))
-    for chunk in _stream(path):
+    for chunk in chunks.RrdReader(path).stream():
         rows = chunk.to_record_batch().to_pydict()
         frames = [STATIC] * chunk.num_rows if chunk.is_static else rows["frame"]
         for name in (name for name in rows if ":" in name):
@@ -29,14 +26,8 @@ def read_rerun_file(path: Path) -> dict[str, dict[str, dict[int | None, Any]]]:
 def read_seconds(path: Path, entity: str) -> dict[int, float]:
     """Return the time in seconds of an entity's frames."""
     found: dict[int, float] = {}
-    for chunk in _stream(path):
+    for chunk in chunks.RrdReader(path).stream():
         if chunk.entity_path == entity and not chunk.is_static:
             rows = chunk.to_record_batch().to_pydict()
             found |= {f: t.total_seconds() for f, t in zip(rows["frame"], rows["time"], strict=True)}
     return found
-
-
-def _stream(path: Path) -> Iterator[Any]:
-    """Yield a file's chunks; of a copy, because the reader remembers what it read under a path before."""
-    with tempfile.TemporaryDirectory() as folder:
-        yield from chunks.RrdReader(shutil.copy(path, Path(folder) / path.name)).stream()

@@ -97,7 +97,7 @@ def test_every_frame_has_a_picture_in_every_view(written: tuple[str, Path], enti
 
 def test_some_frames_without_pictures_are_a_small_file(judged: Any) -> None:
     choice = ("view.first_frame=4", "view.num_frames=10", "view.step=3", "view.pictures=false")
-    outcome = pipeline("view", "seq=t*", *choice, workspace=judged.workspace).assert_done()
+    outcome = pipeline("view", "seq=t*", "run=judged", *choice, workspace=judged.workspace).assert_done()
     assert f"4 of {NUM_FRAMES} frames" in outcome.said and "view.first_frame" in outcome.said
     found = read_rerun_file(judged.workspace / "runs/judged/view/tiny.rrd")
     assert sorted(found["/world/round_0/right/joints"]["Points3D:positions"], key=str) == [10, 13, 4, 7]
