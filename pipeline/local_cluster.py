@@ -2,6 +2,7 @@
 
 import logging
 import signal
+import warnings
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -75,6 +76,8 @@ def _start(num_workers: int, memory_limit: str) -> Any:
     """Start the cluster, again where a worker is killed before it has begun to work: nobody revives it so early."""
     from distributed import LocalCluster
 
+    # A busy machine, which Dask takes for a network file system: nothing that anybody could mend.
+    warnings.filterwarnings("ignore", message="Creating scratch directories")
     for attempt in range(_MAX_STARTS):
         try:
             with _interrupts_held_back():
