@@ -13,10 +13,10 @@ from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 
 from pipeline.commands import execute, terminal
-from pipeline.config import CONF_FOLDER, UserError, check_config, unknown_key_message
+from pipeline.config import CONF_FOLDER, UserError, check_config, chooses_file, unknown_key_message
 from pipeline.dag import build_dag
 from pipeline.describe import describe
-from pipeline.overrides import is_sweep, literal, name_runs, stray_word
+from pipeline.overrides import has_values_of_sweep, is_sweep, literal, name_runs, stray_word
 from pipeline.sweeps import Point, write_sweep
 
 _INTERRUPTED = 130  # as shells count it: 128 + SIGINT
@@ -130,18 +130,19 @@ def _check_overrides(overrides: list[str]) -> None:
         raise UserError(f"{word} is no parameter=value; see --help")
     settings = [argument for argument in overrides if "=" in argument and not argument.startswith("-")]
     with hydra.initialize_config_dir(str(CONF_FOLDER), version_base="1.3"):
-        if message := unknown_key_message(settings, hydra.compose("config")):
+        chosen = [setting for setting in settings if chooses_file(setting) and not has_values_of_sweep(setting)]
+        if message := unknown_key_message(settings, _composed(chosen)):
             raise UserError(message)
-        if not is_sweep(overrides):
-            _check_groups(settings)
 
 
-def _check_groups(settings: list[str]) -> None:
+def _composed(chosen: list[str]) -> DictConfig:
+    """Return the configuration with some files of ``conf`` in the place of others."""
     try:
-        hydra.compose("config", [setting for setting in settings if not setting.startswith("hydra")])
+        composed: DictConfig = hydra.compose("config", chosen)
     except MissingConfigException as error:
         there = ", ".join(error.options or ())
         raise UserError(f"there is no {error.missing_cfg_file}; choose among {there}") from error
+    return composed
 
 
 if __name__ == "__main__":

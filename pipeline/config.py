@@ -12,6 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, ValidationError
 from assemblyhands_core.data.suspects import SuspicionLimits
 from assemblyhands_core.hands.joints import NUM_JOINTS
 from pipeline.dag import build_dag
+from pipeline.executor_config import ExecutorConfig
 from pipeline.graph import CROP_EDGE, TAKE_EDGE, Dag
 from stages._contract import StageConfig
 
@@ -31,14 +32,6 @@ class RigConfig(_Model):
 
     calibration: str | None
     videos: str | None
-
-
-class ExecutorConfig(_Model):
-    """Where tasks run. ``num_workers`` 0 means one for each core; cores are shared out among the workers."""
-
-    name: Literal["serial", "local"]
-    num_workers: int = Field(ge=0)
-    memory_limit: str
 
 
 class GcConfig(_Model):
@@ -158,11 +151,16 @@ def unknown_key_message(overrides: Sequence[str], composed: DictConfig) -> str |
     known = _flat_keys(OmegaConf.to_container(composed))
     for override in overrides:
         key, sign, _ = override.partition("=")
-        if sign and not key.startswith(("hydra", "+", "~")) and key not in known and not _is_group(key):
+        if sign and not key.startswith(("hydra", "+", "~")) and key not in known and not chooses_file(override):
             near = difflib.get_close_matches(key, known, n=1, cutoff=0.5) or [k for k in known if key in k][:1]
             hint = f"; did you mean {near[0]}?" if near else "; `--cfg job` prints all parameters"
             return f"there is no parameter {key}{hint}"
     return None
+
+
+def chooses_file(override: str) -> bool:
+    """Return whether an override puts one file of ``conf`` in the place of another, as ``executor=serial`` does."""
+    return (CONF_FOLDER / override.partition("=")[0].split("@")[0]).is_dir()
 
 
 def _validate(model: type[Any], values: Any, prefix: str) -> Any:
@@ -170,15 +168,23 @@ def _validate(model: type[Any], values: Any, prefix: str) -> Any:
         return model.model_validate_json(json.dumps(values))
     except ValidationError as error:
         first = error.errors()[0]
-        name = prefix + ".".join(str(part) for part in first["loc"])
+        if first["type"] == "value_error" and isinstance(first["input"], dict):  # our own sentence about several values
+            raise UserError(str(first["ctx"]["error"])) from None
+        name = prefix + _place(first["loc"], values)
         raise UserError(f"{name}={first['input']!r} is not possible: {first['msg']}") from None
+
+
+def _place(parts: Sequence[int | str], values: Any) -> str:
+    """Return where a wrong value stands, without the names of classes that may stand there."""
+    names = []
+    for part in parts:
+        if part is parts[-1] or (isinstance(values, Mapping) and part in values):
+            names.append(str(part))
+            values = values.get(part) if isinstance(values, Mapping) else None
+    return ".".join(names)
 
 
 def _flat_keys(values: Any, prefix: str = "") -> list[str]:
     if not isinstance(values, dict):
         return [prefix[:-1]]
     return ([prefix[:-1]] if prefix else []) + [k for n, v in values.items() for k in _flat_keys(v, f"{prefix}{n}.")]
-
-
-def _is_group(key: str) -> bool:
-    return (CONF_FOLDER / key.split("@")[0]).is_dir()

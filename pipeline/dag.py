@@ -80,7 +80,7 @@ def build_dag(num_rounds: int = 3, is_ego_trained: bool = False) -> Dag:
     _add_rounds(dag, num_rounds)
     _add_results(dag, f"round_{num_rounds}")
     _add_own_training(dag)
-    _add_egocentric(dag, f"round_{num_rounds}", "svegonet_both" if is_ego_trained else "svegonet")
+    judged_ego = _add_egocentric(dag, f"round_{num_rounds}", is_ego_trained)
     evaluations = _add_evaluation(dag, num_rounds)
     _add_verbs(dag, f"round_{num_rounds}")
     dag.targets |= {
@@ -94,7 +94,7 @@ def build_dag(num_rounds: int = 3, is_ego_trained: bool = False) -> Dag:
         "ego_weights": ("drawn_svegonet",),
         "train_ego": ("svegonet_both", "ego_evaluation_both"),
         "cross": tuple(f"{node}_{labels}" for labels in _EGO_NETWORKS for node in ("svegonet", "ego_evaluation")),
-        "predict": ("predict_ego", "predict_manual", "ego_evaluation", "ego_sheet"),
+        "predict": ("predict_ego", "predict_manual", judged_ego, "ego_sheet"),
         "label_quality": tuple(
             f"{node}_{labels}" for labels in ("automatic", "tracked") for node in ("svegonet", "ego_evaluation")
         ),
@@ -103,7 +103,7 @@ def build_dag(num_rounds: int = 3, is_ego_trained: bool = False) -> Dag:
         "train_verbs": ("own_verb_table", "own_verb_table_manual"),
         "all": (
             *("quality", "overlay", *evaluations, "evaluation_bound"),
-            *("svegonet_both", "ego_evaluation_both", "ego_evaluation", "ego_sheet"),
+            *("svegonet_both", "ego_evaluation_both", judged_ego, "ego_sheet"),
             *("evaluation_ego_only", "evaluation_ego_only_manual"),
             *("verb_table", "verb_table_manual", "own_verb_table", "own_verb_table_manual"),
         ),
@@ -251,8 +251,8 @@ def _add_own_training(dag: Dag) -> None:
         dag.add_for_set(name, stage, data)
 
 
-def _add_egocentric(dag: Dag, last: str, network: str) -> None:
-    """Add how an annotation becomes crops of the headset's pictures (paper, Sec. 4)."""
+def _add_egocentric(dag: Dag, last: str, is_trained: bool) -> str:
+    """Add how an annotation becomes crops of the headset's pictures (paper, Sec. 4); return what judges the network."""
     dag.add("ingest_ego", ingest_ego.STAGE, sources=EGO_EDGE)
     dag.add("undistort_ego", undistort.STAGE, views="ingest_ego.views")
     headset = {
@@ -285,18 +285,26 @@ def _add_egocentric(dag: Dag, last: str, network: str) -> None:
     ):
         dag.add(f"svegonet_{name}", stage, **{role: labelled[role] for role in stage.inputs})
         _add_prediction(dag, f"_{name}", f"svegonet_{name}.weights", evaluate_ego.OF_JUDGED)
-    _add_prediction(dag, "", f"{network}.weights", evaluate_ego.STAGE)
+    if is_trained:
+        _add_prediction(dag, "", "svegonet_both.weights")
+    else:
+        _add_prediction(dag, "", "svegonet.weights", evaluate_ego.STAGE)
     seen = {"views": "ingest.views", "crops": "project_ego.crops", "hands": "predict_ego.hands"}
     dag.add("ego_sheet", draw_ego_sheet.STAGE, **seen)
+    return "ego_evaluation_both" if is_trained else "ego_evaluation"
 
 
-def _add_prediction(dag: Dag, suffix: str, weights: str, evaluation: Stage[Any]) -> None:
-    """Add how an egocentric network is used, and held against both kinds of labels."""
+def _add_prediction(dag: Dag, suffix: str, weights: str, evaluation: Stage[Any] | None = None) -> None:
+    """Add how an egocentric network is used and, with an evaluation, held against both kinds of labels."""
+    names = "ego", "manual"
+    for name in names:
+        dag.add(f"predict_{name}{suffix}", predict_ego.STAGE, crops=f"project_{name}.crops", weights=weights)
+    if evaluation is None:
+        return
     judged = {"judged": JUDGED_EDGE} if "judged" in evaluation.inputs else {}
-    for name in ("ego", "manual"):
-        crops = f"project_{name}.crops"
-        dag.add(f"predict_{name}{suffix}", predict_ego.STAGE, crops=crops, weights=weights)
-        dag.add(f"errors_{name}{suffix}", evaluation, crops=crops, hands=f"predict_{name}{suffix}.hands", **judged)
+    for name in names:
+        found = {"crops": f"project_{name}.crops", "hands": f"predict_{name}{suffix}.hands"}
+        dag.add(f"errors_{name}{suffix}", evaluation, **found, **judged)
     errors = {"manual": f"errors_manual{suffix}.errors", "automatic": f"errors_ego{suffix}.errors"}
     dag.add(f"ego_evaluation{suffix}", tabulate_ego.STAGE, members=MEMBER_EDGE, **errors)
 

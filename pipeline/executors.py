@@ -5,8 +5,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Protocol
 
-from pipeline.config import ExecutorConfig
 from pipeline.dask_executor import DaskExecutor
+from pipeline.executor_config import ExecutorConfig, LocalConfig
 from pipeline.local_cluster import local_workers
 from pipeline.task_queue import TaskQueue
 from pipeline.tasks import Result, Task, run_task
@@ -54,5 +54,6 @@ def open_executor(config: ExecutorConfig, token: str) -> Iterator[Executor]:
     if config.name == "serial":
         yield SerialExecutor()
         return
+    assert isinstance(config, LocalConfig)
     with local_workers(*resolve_workers(config), config.memory_limit) as workers:
         yield DaskExecutor(workers, token)

@@ -28,6 +28,11 @@ def is_sweep(arguments: Sequence[str]) -> bool:
     return bool(_SWEEP_FLAGS & set(arguments))
 
 
+def has_values_of_sweep(override: str) -> bool:
+    """Return whether an override, as `literal` gives it, stands for several values."""
+    return bool(OverridesParser.create().parse_override(override).is_sweep_override())
+
+
 def stray_word(arguments: Sequence[str]) -> str | None:
     """Return the first argument that is no ``parameter=value`` and no flag."""
     if _FLAGS_WITH_VALUE & set(arguments):

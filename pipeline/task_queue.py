@@ -2,11 +2,15 @@
 
 import heapq
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Final
 
 from pipeline.tasks import Result, Task
 from pipeline.work import Handle
+
+ANY_TASK: Final = (False, True)
+"""Of stages that use a GPU where there is one, and of the others."""
 
 
 @dataclass(eq=False)
@@ -37,11 +41,15 @@ class Promise:
 
 
 class TaskQueue:
-    """Hands out tasks whose inputs are there."""
+    """Hands out tasks whose inputs are there, those for GPUs apart from the others where that is wanted."""
 
     def __init__(self) -> None:
-        self._ready: list[Promise] = []
+        self._ready: dict[bool, list[Promise]] = {uses_gpu: [] for uses_gpu in ANY_TASK}
         self._numbers = itertools.count()
+
+    def __bool__(self) -> bool:
+        """Whether a task is ready."""
+        return any(self._ready.values())
 
     def submit(self, task: Task, upstream: Mapping[str, Sequence[Handle]]) -> Promise:
         """Take a task; return the promise of its result."""
@@ -55,13 +63,14 @@ class TaskQueue:
             self.put_back(promise)
         return promise
 
-    def next_ready(self) -> Promise | None:
-        """Take out the task that is to run next, if any can."""
-        return heapq.heappop(self._ready) if self._ready else None
+    def next_ready(self, uses_gpu: Collection[bool] = ANY_TASK) -> Promise | None:
+        """Take out the task that is to run next, if any can, of those whose stages use a GPU or do not."""
+        heaps = [self._ready[kind] for kind in uses_gpu if self._ready[kind]]
+        return heapq.heappop(min(heaps, key=lambda heap: heap[0])) if heaps else None
 
     def put_back(self, promise: Promise) -> None:
         """Note that a task can run."""
-        heapq.heappush(self._ready, promise)
+        heapq.heappush(self._ready[promise.task.node.stage.uses_gpu], promise)
 
     def settle(self, promise: Promise, result: Result) -> None:
         """Note a result; what waited for it alone is ready now."""

@@ -65,6 +65,7 @@ class Stage(Generic[ConfigT]):
         optional: roles that may be without rows. `inputs` lacks them then, and the result and its key are those of a
             stage that has no such role: what they add costs nobody anything who does not use it.
         is_quick: it takes no time and writes no blobs, so that `plan` may run it in order to tell what follows from it.
+        uses_gpu: it is faster on a GPU; where some workers have one and others do not, it runs on those that have.
         externals: what the result depends on beyond config and tables (weights, package versions, files named in the
             config), as name → digest. Part of the cache key.
     """
@@ -79,3 +80,4 @@ class Stage(Generic[ConfigT]):
     externals: Callable[[ConfigT, str], Mapping[str, str]] = no_externals
     optional: frozenset[str] = frozenset()
     is_quick: bool = False
+    uses_gpu: bool = False

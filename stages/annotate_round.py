@@ -286,6 +286,7 @@ STAGE = Stage(
     outputs={"joints": JOINTS, "rounds": ROUNDS},
     run=run,
     shard="chunk",
+    uses_gpu=True,
     externals=_externals,
     optional=frozenset({"corrections"}),
 )

@@ -116,4 +116,5 @@ STAGE = Stage(
     outputs={"predictions": VERB_PREDICTIONS},
     run=run,
     shard="sequence",
+    uses_gpu=True,
 )

@@ -153,4 +153,5 @@ STAGE = Stage(
     outputs={"hands": EGO_HANDS, "joints": JOINTS},
     run=run,
     shard="chunk",
+    uses_gpu=True,
 )

@@ -67,5 +67,6 @@ STAGE = Stage(
     outputs={"weights": WEIGHTS, "curve": TRAINING_CURVE},
     run=run,
     shard="sequence",
+    uses_gpu=True,
     externals=training_externals,
 )

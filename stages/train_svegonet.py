@@ -122,6 +122,7 @@ def _stage(*labels: str) -> Stage[TrainSvegonetConfig]:
         outputs={"weights": WEIGHTS, "curve": TRAINING_CURVE},
         run=run,
         shard="set",
+        uses_gpu=True,
         externals=training_externals,
     )
 

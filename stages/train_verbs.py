@@ -154,5 +154,6 @@ STAGE = Stage(
     outputs={"weights": WEIGHTS, "curve": TRAINING_CURVE},
     run=run,
     shard="set",
+    uses_gpu=True,
     externals=training_externals,
 )

@@ -17,8 +17,9 @@ from finished_run import (
 )
 
 from assemblyhands_core.data.video import VideoWriter
-from pipeline.config import ExecutorConfig, GcConfig, RigConfig, RunConfig
+from pipeline.config import GcConfig, RigConfig, RunConfig
 from pipeline.dag import build_dag
+from pipeline.executor_config import LocalConfig
 from pipeline.finished import FinishedRun, open_run
 from stages import annotate_round
 
@@ -35,7 +36,7 @@ def run_config(workspace: Path) -> RunConfig:
     config = RunConfig(
         seq="all", target="evaluate", manifest=None, release=None, workspace=workspace, run="", rounds=2,
         gc=GcConfig(keep_runs=10, dry_run=False), rig=RigConfig(calibration="rig.json", videos="*.mp4"),
-        executor=ExecutorConfig(name="serial", num_workers=1, memory_limit="auto"),
+        executor=LocalConfig(name="serial", num_workers=1, memory_limit="auto"),
     )  # fmt: skip
     config._dag = build_dag(2)
     config._stages = {"evaluate": CONFIG, "annotate_round": _ROUND}

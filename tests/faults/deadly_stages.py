@@ -11,7 +11,8 @@ from rich.console import Console
 
 from assemblyhands_core.data.catalog import CHUNKS, SOURCES
 from assemblyhands_core.data.store import Store
-from pipeline.config import ExecutorConfig, GcConfig, RigConfig, RunConfig
+from pipeline.config import GcConfig, RigConfig, RunConfig
+from pipeline.executor_config import LocalConfig
 from pipeline.executors import open_executor
 from pipeline.graph import SOURCE_EDGE, Dag
 from pipeline.progress import Progress
@@ -63,7 +64,7 @@ def main(workspace: Path) -> None:
         seq="all", target="gather", manifest=None, release=None, workspace=workspace, run="",
         gc=GcConfig(keep_runs=1, dry_run=False),
         rig=RigConfig(calibration=None, videos=None),
-        executor=ExecutorConfig(name="local", num_workers=2, memory_limit="auto"),
+        executor=LocalConfig(name="local", num_workers=2, memory_limit="auto"),
     )  # fmt: skip
     config._dag, config._stages = deadly_dag(), {name: NoConfig() for name in ("cut", "work", "gather")}
     nodes = list(config.dag.nodes.values())

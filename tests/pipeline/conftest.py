@@ -14,7 +14,8 @@ from assemblyhands_core.data.catalog import CHUNKS, MEMBERS, SOURCES
 from assemblyhands_core.data.digests import FileDigests
 from assemblyhands_core.data.store import Store
 from assemblyhands_core.data.tables import TableSpec
-from pipeline.config import ExecutorConfig, GcConfig, RigConfig, RunConfig
+from pipeline.config import GcConfig, RigConfig, RunConfig
+from pipeline.executor_config import LocalConfig
 from pipeline.executors import SerialExecutor
 from pipeline.graph import MEMBER_EDGE, SOURCE_EDGE, TRUTH_EDGE, Dag
 from pipeline.history import History
@@ -171,7 +172,7 @@ class Toy:
             rounds=3,
             gc=GcConfig(keep_runs=10, dry_run=False),
             rig=RigConfig(calibration=None, videos=None),
-            executor=ExecutorConfig(name="serial", num_workers=1, memory_limit="auto"),
+            executor=LocalConfig(name="serial", num_workers=1, memory_limit="auto"),
         )  # fmt: skip
         config._dag = toy_dag(self.version)
         config._dag.targets["made"] = self.targets

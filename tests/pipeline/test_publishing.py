@@ -11,8 +11,9 @@ from assemblyhands_core.data.layout import DatasetLayout, read_split
 from assemblyhands_core.data.split_files import ACTIONS_SHARE, JOINTS_SHARE
 from assemblyhands_core.data.store import Store
 from assemblyhands_core.data.studio_tables import DELIVERED
-from pipeline.config import ExecutorConfig, GcConfig, RigConfig, RunConfig
+from pipeline.config import GcConfig, RigConfig, RunConfig
 from pipeline.dag import build_dag
+from pipeline.executor_config import LocalConfig
 from pipeline.publishing import publish
 from pipeline.takes import absent_takes
 from pipeline.tasks import Result, Shard
@@ -26,7 +27,7 @@ def config(folder: Path, rig: str = "assembly", split: str = "test") -> RunConfi
     found = RunConfig(
         seq="all", target="simulate", manifest=str(folder / "set.csv"), release=None, workspace=folder / "work", run="",
         rounds=3, rig=RigConfig(calibration=None, videos=None), gc=GcConfig(keep_runs=1, dry_run=False),
-        executor=ExecutorConfig(name="serial", num_workers=1, memory_limit="auto"),
+        executor=LocalConfig(name="serial", num_workers=1, memory_limit="auto"),
     )  # fmt: skip
     found._dag = build_dag()
     return found

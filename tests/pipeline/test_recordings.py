@@ -4,7 +4,8 @@ import pytest
 
 from assemblyhands_core.data.digests import FileDigests
 from assemblyhands_core.data.label_rows import FROM_FIRST_KEY
-from pipeline.config import ExecutorConfig, GcConfig, RigConfig, RunConfig, UserError
+from pipeline.config import GcConfig, RigConfig, RunConfig, UserError
+from pipeline.executor_config import LocalConfig
 from pipeline.graph import ACTION_EDGE, SOURCE_EDGE, TRUTH_EDGE
 from pipeline.recordings import Recording, select_recordings
 
@@ -16,7 +17,7 @@ def _config(folder: Path, seq: str, **changes: object) -> RunConfig:
         "seq": seq, "target": "annotate", "manifest": str(folder / "*.csv"), "release": None,
         "workspace": folder / "work", "run": "",
         "rig": RigConfig(calibration=None, videos=None), "rounds": 3, "gc": GcConfig(keep_runs=1, dry_run=False),
-        "executor": ExecutorConfig(name="serial", num_workers=1, memory_limit="auto"),
+        "executor": LocalConfig(name="serial", num_workers=1, memory_limit="auto"),
     }  # fmt: skip
     return RunConfig(**{**values, **changes})
 

@@ -6,8 +6,9 @@ import pytest
 
 from assemblyhands_core.data.digests import FileDigests
 from assemblyhands_core.data.studio_tables import CROP_ORDERS, TAKES
-from pipeline.config import ExecutorConfig, GcConfig, RigConfig, RunConfig, UserError
+from pipeline.config import GcConfig, RigConfig, RunConfig, UserError
 from pipeline.dag import build_dag
+from pipeline.executor_config import LocalConfig
 from pipeline.graph import CROP_EDGE, TAKE_EDGE
 from pipeline.recordings import select_recordings
 from pipeline.takes import absent_takes, select_takes
@@ -23,7 +24,7 @@ def config(folder: Path, line: str, **changes: object) -> RunConfig:
         "seq": NAME, "target": "simulate", "manifest": str(folder / "set.csv"), "release": None,
         "workspace": folder / "work", "run": "",
         "rig": RigConfig(calibration=None, videos=None), "rounds": 3, "gc": GcConfig(keep_runs=1, dry_run=False),
-        "executor": ExecutorConfig(name="serial", num_workers=1, memory_limit="auto"),
+        "executor": LocalConfig(name="serial", num_workers=1, memory_limit="auto"),
     }  # fmt: skip
     found = RunConfig(**{**values, **changes})
     found._dag = build_dag()

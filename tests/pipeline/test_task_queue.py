@@ -1,4 +1,5 @@
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -7,12 +8,13 @@ from pipeline.task_queue import Promise, TaskQueue
 from pipeline.tasks import Result, Shard, Task
 
 
-def _task(node: str, chunk: int | None = None) -> Task:
-    return Task(node, Shard("one", chunk), None, {}, "", (), Path(), Path())  # type: ignore[arg-type]
+def _task(node: str, chunk: int | None = None, *, uses_gpu: bool = False) -> Task:
+    stub: Any = SimpleNamespace(name=node, stage=SimpleNamespace(uses_gpu=uses_gpu))
+    return Task(stub, Shard("one", chunk), None, {}, "", (), Path(), Path())  # type: ignore[arg-type]
 
 
 def _done(promise: Promise) -> Result:
-    return Result(str(promise.task.node), promise.task.shard, "done")
+    return Result(promise.task.node.name, promise.task.shard, "done")
 
 
 def test_a_task_waits_for_all_that_it_reads() -> None:
@@ -59,3 +61,16 @@ def test_failures_are_results_too(status: Any) -> None:
     queue.next_ready()
     queue.settle(part, Result("part", part.task.shard, status))
     assert queue.next_ready() is whole and not whole.inputs()["part"][0].has_entry
+
+
+def test_tasks_for_gpus_can_be_asked_for_alone() -> None:
+    queue = TaskQueue()
+    slow, quick = queue.submit(_task("crop"), {}), queue.submit(_task("round"), {})
+    fast = queue.submit(_task("round", uses_gpu=True), {})
+    after = queue.submit(_task("round", 1, uses_gpu=True), {"round": [quick]})
+    assert queue.next_ready([True]) is fast and queue.next_ready([True]) is None
+    assert queue.next_ready([False]) is slow and queue.next_ready() is quick and not queue
+    queue.settle(quick, _done(quick))
+    queue.put_back(slow)
+    assert queue and queue.next_ready() is after, "deep ones go first, of either kind"
+    assert queue.next_ready([True]) is None and queue.next_ready() is slow
