@@ -146,7 +146,7 @@ def _execute(config: RunConfig, works: list[SequenceWork], console: Console) -> 
     """Run what the plan has not settled."""
     with (
         interrupts_kept(),
-        open_executor(config.executor, uuid.uuid4().hex[:8]) as executor,
+        open_executor(config.executor, config.workspace, uuid.uuid4().hex[:8]) as executor,
         Progress(console) as progress,
     ):
         Runner(works, executor, Store(config.workspace), progress).run()

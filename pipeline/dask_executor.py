@@ -6,31 +6,32 @@ task that lost two workers is run once more with nothing beside it before it cou
 """
 
 import itertools
-import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import CancelledError
+from contextlib import suppress
+from queue import Empty, SimpleQueue
 from typing import Any
 
 from pipeline.interrupts import check_interrupted
-from pipeline.local_cluster import LocalWorkers
 from pipeline.task_queue import Promise, TaskQueue
 from pipeline.tasks import Result, Task, run_task
 from pipeline.work import Handle
+from pipeline.workers import Place, Workers
 
-_POLL_S = 0.01
+_FETCH_S = 60.0  # for a result, which is small
+_POLL_S = 0.1  # how often one looks whether the user wants to stop, or everybody is dead
 
 
 class DaskExecutor:
     """Gives each worker one task at a time; a task becomes ready as soon as its own inputs are there."""
 
-    def __init__(self, workers: LocalWorkers, token: str) -> None:
-        from distributed import as_completed
-
+    def __init__(self, workers: Workers, token: str) -> None:
         self._workers, self._token = workers, token
-        self._futures: Any = as_completed(raise_errors=False)
+        self._ended: SimpleQueue[Any] = SimpleQueue()  # futures, in the order in which they end
         self._numbers = itertools.count()
         self._queue = TaskQueue()
-        self._running: dict[str, Promise] = {}
+        self._running: dict[str, tuple[Promise, str]] = {}  # by Dask's key, with the name of the place
         self._suspects: deque[Promise] = deque()  # they lost their workers
         self._on_trial: set[Promise] = set()
 
@@ -46,43 +47,50 @@ class DaskExecutor:
             KeyboardInterrupt: if the user wants to stop.
         """
         while self._fill():
-            check_interrupted()
-            if not self._futures.has_ready():
-                self._workers.check_alive()
-                time.sleep(_POLL_S)
+            try:
+                future = self._ended.get(timeout=_POLL_S)
+            except Empty:
                 continue
-            future = next(self._futures)
-            promise = self._running.pop(future.key)
+            promise, _ = self._running.pop(future.key)
             if (result := self._outcome(promise, future)) is not None:
                 self._workers.note_progress()
                 self._queue.settle(promise, result)
                 yield result
 
     def _fill(self) -> bool:
-        """Give work to all workers, a suspect only to one while the others rest; return whether any is under way."""
-        while len(self._running) < self._workers.num_workers and (promise := self._queue.next_ready()):
-            self._start(promise)
-        if not self._running and self._suspects:
+        """Give work to all workers, a suspect only to one while the others rest; return whether any is to be done."""
+        check_interrupted()
+        self._workers.check_alive()
+        places = [place for place in self._workers.places() if place.num_workers]
+        busy = Counter(place for _, place in self._running.values())
+        for place in places:
+            for _ in range(place.num_workers - busy[place.name]):
+                if promise := self._queue.next_ready(place.uses_gpu):
+                    self._start(promise, place)
+        if places and not self._running and self._suspects:
             suspect = self._suspects.popleft()
             self._on_trial.add(suspect)
-            self._start(suspect)
-        return bool(self._running)
+            self._start(suspect, next(place for place in places if _uses_gpu(suspect) in place.uses_gpu))
+        return bool(self._running or self._queue or self._suspects)
 
-    def _start(self, promise: Promise) -> None:
+    def _start(self, promise: Promise, place: Place) -> None:
         # A key of its own keeps a long-lived scheduler from answering with an earlier outcome.
         key = f"{promise.task.node.name}-{promise.task.shard}-{self._token}-{next(self._numbers)}"
-        future = self._workers.client.submit(run_task, promise.task, promise.inputs(), key=key, pure=False)
-        self._running[key] = promise
-        self._futures.add(future)
+        # Others than those at the place take it only when all of these are lost.
+        there = {} if place.addresses is None else {"workers": place.addresses, "allow_other_workers": True}
+        future = self._workers.client.submit(run_task, promise.task, promise.inputs(), key=key, pure=False, **there)
+        self._running[key] = promise, place.name
+        future.add_done_callback(self._ended.put)
 
     def _outcome(self, promise: Promise, future: Any) -> Result | None:
         """Return a task's result, or None if it has to run again."""
         from distributed import KilledWorker
 
-        if future.status == "finished":
-            result: Result = future.result()
-            return result
-        if future.status != "error":  # the result was lost together with the worker that had it
+        with suppress(CancelledError, OSError):  # the result may be lost together with the worker that has it
+            if future.status == "finished":
+                result: Result = future.result(timeout=_FETCH_S)
+                return result
+        if future.status != "error":
             self._queue.put_back(promise)
             return None
         error = future.exception()
@@ -95,3 +103,7 @@ class DaskExecutor:
             else f"{type(error).__name__}: {error}"
         )
         return Result(promise.task.node.name, promise.task.shard, "failed", error=reason)
+
+
+def _uses_gpu(promise: Promise) -> bool:
+    return promise.task.node.stage.uses_gpu

@@ -39,6 +39,11 @@ class _RemoteConfig(_Model):
     wait_s: float = Field(gt=0)
     needs_gpu: bool
 
+    @property
+    def num_workers_at_most(self) -> int:
+        """Return how many workers are used, 0 for all that there are."""
+        return 0
+
 
 class ClusterConfig(_RemoteConfig):
     """A scheduler that runs already; ``num_workers`` 0 means all workers that it has."""
@@ -47,6 +52,11 @@ class ClusterConfig(_RemoteConfig):
     scheduler: str | None
     num_workers: int = Field(ge=0)
     tls: TlsConfig
+
+    @property
+    def num_workers_at_most(self) -> int:
+        """Return how many workers are used, 0 for all that there are."""
+        return self.num_workers
 
     @model_validator(mode="after")
     def _check(self) -> "ClusterConfig":

@@ -3,11 +3,14 @@
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Protocol
 
+from pipeline.cluster_preflight import check_cluster
 from pipeline.dask_executor import DaskExecutor
 from pipeline.executor_config import ExecutorConfig, LocalConfig
 from pipeline.local_cluster import local_workers
+from pipeline.remote_clusters import remote_workers
 from pipeline.task_queue import TaskQueue
 from pipeline.tasks import Result, Task, run_task
 from pipeline.work import Handle
@@ -42,18 +45,28 @@ class SerialExecutor:
 
 
 def resolve_workers(config: ExecutorConfig) -> tuple[int, int]:
-    """Return how many workers run and how many threads each may use, so that together they fill the cores."""
+    """Return how many workers run and how many threads each may use, here so that together they fill the cores."""
+    if not isinstance(config, LocalConfig):
+        return max(config.num_workers, 1), config.num_threads
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     workers = 1 if config.name == "serial" else config.num_workers or cores
     return workers, max(1, cores // workers)
 
 
 @contextmanager
-def open_executor(config: ExecutorConfig, token: str) -> Iterator[Executor]:
-    """Give the executor that the configuration names, and close it."""
+def open_executor(config: ExecutorConfig, workspace: Path, token: str) -> Iterator[Executor]:
+    """Give the executor that the configuration names, and close it.
+
+    Raises:
+        UserError: its workers do not start, or cannot do the work.
+    """
     if config.name == "serial":
         yield SerialExecutor()
         return
-    assert isinstance(config, LocalConfig)
-    with local_workers(*resolve_workers(config), config.memory_limit) as workers:
-        yield DaskExecutor(workers, token)
+    if isinstance(config, LocalConfig):
+        with local_workers(*resolve_workers(config), config.memory_limit) as workers:
+            yield DaskExecutor(workers, token)
+        return
+    with remote_workers(config, workspace) as others:
+        check_cluster(others, workspace, config.needs_gpu)
+        yield DaskExecutor(others, token)

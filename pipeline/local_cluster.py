@@ -10,6 +10,7 @@ from multiprocessing import resource_tracker
 from typing import Any
 
 from pipeline.config import UserError
+from pipeline.workers import Place
 
 # OpenCV and BLAS would each start a thread per core in every worker.
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OPENCV_FOR_THREADS_NUM")
@@ -33,6 +34,10 @@ class LocalWorkers:
     num_workers: int
     _nannies: Callable[[], Iterable[Any]]
     _seen_pids: set[int] = field(default_factory=set)
+
+    def places(self) -> list[Place]:
+        """Return the one place that all workers are."""
+        return [Place("here", self.num_workers)]
 
     def note_progress(self) -> None:
         """Forgive the deaths so far: something was done meanwhile."""

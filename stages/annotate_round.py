@@ -246,9 +246,10 @@ def _asked(
         # Importing torch takes seconds, which every command would pay at the head of this file.
         from assemblyhands_core.models.annotation import estimate_hands
         from assemblyhands_core.models.pretrained import load_mvexonet
+        from assemblyhands_core.models.warm import load_once
 
         hands = list(compress(windows, is_asked))
-        network = load_mvexonet(config.weights_path)
+        network = load_once(load_mvexonet, config.weights_path)
         found = estimate_hands(network, hands, config.batch_size, context.num_threads)
         joints[is_asked], confidence[is_asked] = found.joints_world_mm, found.confidence
     return joints, confidence

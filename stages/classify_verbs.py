@@ -95,8 +95,9 @@ def _probabilities(
     """Return the probabilities (clip, verb), NaN where nothing was seen, and the verbs."""
     # Importing torch takes seconds, which every command would pay at the head of this file.
     from assemblyhands_core.models.verb_classification import VerbClassifier
+    from assemblyhands_core.models.warm import load_once
 
-    classifier = VerbClassifier.load(weights_file(inputs["weights"]))
+    classifier = load_once(VerbClassifier.load, weights_file(inputs["weights"]))
     wanted_hz = classifier.sequence.rate_hz
     if other := set(inputs["clips"]["rate_hz"].unique().to_pylist()) - {wanted_hz}:
         raise ValueError(f"the network takes clips of {wanted_hz} Hz, these are of {other.pop()} Hz: cut them anew.")

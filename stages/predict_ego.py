@@ -56,10 +56,11 @@ def _predicted(config: PredictEgoConfig, crops: pa.Table, weights: Path, context
     # Importing torch takes seconds, which every command would pay at the head of this file.
     from assemblyhands_core.models.ego_prediction import predict_hands
     from assemblyhands_core.models.pretrained import load_svegonet
+    from assemblyhands_core.models.warm import load_once
 
     names = crops.select(EGO_HANDS.key).to_pylist()
     found = predict_hands(
-        load_svegonet(weights),
+        load_once(load_svegonet, weights),
         [decode_image(image) for image in crops["image"].to_pylist()],
         [name["hand"] for name in names],
         batch_size=config.batch_size,

@@ -5,7 +5,7 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -42,10 +42,12 @@ class Outcome:
         assert not (missing := [part for part in parts if part not in self.said]), f"{missing} not in: {self.said}"
 
 
-def start(*arguments: str, workspace: Path, environment: Mapping[str, str] | None = None) -> "subprocess.Popen[str]":
-    """Start a command in a process group of its own, in the workspace's parent folder."""
+def start(
+    *arguments: str, workspace: Path, environment: Mapping[str, str] | None = None, on: Sequence[str] = ()
+) -> "subprocess.Popen[str]":
+    """Start a command in a process group of its own, in the workspace's parent folder; ``on`` is put before it."""
     return subprocess.Popen(
-        [sys.executable, "-m", "pipeline", *arguments],
+        [*on, sys.executable, "-m", "pipeline", *arguments],
         cwd=workspace.parent,
         env={**os.environ, **_ENVIRONMENT, "ASSEMBLYHANDS_WORK": str(workspace), **(environment or {})},
         stdin=subprocess.DEVNULL,

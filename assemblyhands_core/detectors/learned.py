@@ -159,9 +159,10 @@ def _load(path: Path, num_joints: int) -> "HandKeypointNet":
     import torch
 
     from assemblyhands_core.models.pretrained import load_hand_keypoints
+    from assemblyhands_core.models.warm import load_once
 
     torch.set_num_threads(1)  # the same bits on every machine, however many cores a worker has
-    network = load_hand_keypoints(path)
+    network = load_once(load_hand_keypoints, path)
     if network.config.num_joints != num_joints:
         found = network.config.num_joints
         raise DetectorError(f"{path} finds {found} joints, {num_joints} are wanted: give the other network's weights.")

@@ -72,7 +72,7 @@ def main(workspace: Path) -> None:
         SequenceWork(config, Recording(name, Path(__file__), {}), _source(name), nodes, workspace / "logs")
         for name in ("one", "two")
     ]
-    with open_executor(config.executor, "token") as executor, Progress(Console(quiet=True)) as progress:
+    with open_executor(config.executor, workspace, "token") as executor, Progress(Console(quiet=True)) as progress:
         Runner(works, executor, Store(workspace), progress).run()
     found = [[result.node, str(result.shard), result.status, result.error] for result in results(works)]
     json.dump(found, sys.stdout)

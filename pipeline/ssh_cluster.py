@@ -1,0 +1,53 @@
+"""Workers on machines that are reached by ssh."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from pipeline.config import UserError
+from pipeline.executor_config import SshConfig
+from pipeline.run_credentials import run_credentials, tls_settings
+
+
+@contextmanager
+def ssh_cluster(config: SshConfig, workspace: Path) -> Iterator[Any]:
+    """Give workers on each host; the scheduler is on the first.
+
+    Raises:
+        UserError: a package is missing, a host cannot be reached, or nothing starts there.
+    """
+    import dask
+    from distributed import SSHCluster
+    from distributed.security import Security
+
+    try:
+        import asyncssh
+    except ImportError as error:
+        raise UserError("executor=ssh needs a package: pip install '.[cluster]'") from error
+    # What ssh starts takes over this process's settings of Dask, and finds the certificate by them.
+    with run_credentials(workspace) as folder, dask.config.set(tls_settings(folder)):
+        try:
+            cluster = SSHCluster(
+                [config.hosts[0], *config.hosts],
+                connect_options=_connect_options(config),
+                worker_options={
+                    "nthreads": 1,
+                    "n_workers": config.num_workers,
+                    "memory_limit": config.memory_limit,
+                },
+                scheduler_options={"protocol": "tls://", "port": 0, "dashboard": False},
+                remote_python=config.remote_python,
+                security=Security(require_encryption=True),
+            )
+        except (OSError, asyncssh.Error, RuntimeError) as error:
+            raise UserError(f"the workers on {', '.join(config.hosts)} do not start: {error}") from error
+        with cluster:
+            yield cluster
+
+
+def _connect_options(config: SshConfig) -> dict[str, Any]:
+    """Return what ssh is told; where nothing is said it looks into the user's own files."""
+    known_hosts = None if config.known_hosts is None else str(config.known_hosts)
+    options = {"port": config.port, "username": config.user, "known_hosts": known_hosts}
+    return {name: value for name, value in options.items() if value is not None}
