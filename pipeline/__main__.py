@@ -12,12 +12,13 @@ from hydra.errors import HydraException, MissingConfigException
 from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 
-from pipeline.commands import execute, terminal
+from pipeline.commands import execute
 from pipeline.config import CONF_FOLDER, UserError, check_config, chooses_file, unknown_key_message
 from pipeline.dag import build_dag
 from pipeline.describe import describe
 from pipeline.overrides import has_values_of_sweep, is_sweep, literal, name_runs, stray_word
 from pipeline.sweeps import Point, write_sweep
+from pipeline.terminal import terminal
 
 _INTERRUPTED = 130  # as shells count it: 128 + SIGINT
 _COMMANDS = ("run", "plan", "preflight", "gc", "fsck", "report", "compare", "view", "suspects", "correct", "describe")

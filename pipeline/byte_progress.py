@@ -6,6 +6,8 @@ from types import TracebackType
 from rich.console import Console
 from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TimeRemainingColumn, TransferSpeedColumn
 
+from pipeline.terminal import say
+
 _SECONDS_BETWEEN_LINES = 5.0
 
 
@@ -41,4 +43,4 @@ class ByteProgress:
     def _print_line(self, seconds: float) -> None:
         left = f", about {seconds * (self._total - self._done) / self._done:.0f} s to go" if self._done else ""
         line = f"{self._what}: {self._done / 1e9:.2f} of {self._total / 1e9:.2f} GB{left}"
-        self._console.print(line, markup=False, highlight=False)
+        say(self._console, line)

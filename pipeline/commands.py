@@ -3,7 +3,6 @@
 import fcntl
 import itertools
 import os
-import sys
 import time
 import uuid
 from collections.abc import Iterator
@@ -39,12 +38,12 @@ from pipeline.runner import Runner, results
 from pipeline.suspects import write_suspects
 from pipeline.takes import absent_takes, select_takes, studio_folder
 from pipeline.tasks import Result
+from pipeline.terminal import say, terminal
 from pipeline.verb_evaluation import print_verbs
 from pipeline.view import write_view
 from pipeline.work import SequenceWork, member_rows, possible_nodes, with_set
 
 _MAX_REPAIRS = 20  # each round finds what is damaged one node further
-_PLAIN_WIDTH = 140  # of lines that go to a file or a pipe
 _READING = {  # what is there
     "fsck": fsck,
     "report": report_again,
@@ -69,15 +68,10 @@ def execute(command: str, config: RunConfig, command_line: str) -> int:
         with _lock(config.workspace, exclusive=False):
             return _READING[command](config, console)
     if (before := _recording_first(config)) is not None:
-        _say(console, f"these sequences are recorded first, once, in the simulated studio: {before.seq}")
+        say(console, f"these sequences are recorded first, once, in the simulated studio: {before.seq}")
         if code := _run(before, console, command_line):
             return code
     return _run(config, console, command_line)
-
-
-def terminal() -> Console:
-    """Return what to print on: tables keep their width in files and pipes."""
-    return Console() if sys.stdout.isatty() else Console(width=_PLAIN_WIDTH)
 
 
 def _recording_first(config: RunConfig) -> RunConfig | None:
@@ -88,7 +82,7 @@ def _recording_first(config: RunConfig) -> RunConfig | None:
 
 def _plan(config: RunConfig, console: Console) -> int:
     if (before := _recording_first(config)) is not None:
-        _say(console, f"the studio has to record first, the rest is known then: {before.seq}")
+        say(console, f"the studio has to record first, the rest is known then: {before.seq}")
         config = before
     works = _works(config, "plan")
     rows = make_plan(works, Store(config.workspace), History(config.workspace), is_only_told=True)
@@ -105,7 +99,7 @@ def _run(config: RunConfig, console: Console, command_line: str) -> int:
         if config.starts_in_studio:
             root = studio_folder(config.workspace)
             for name in publish(config, found, root):
-                _say(console, f"recorded: {name} in {root}")
+                say(console, f"recorded: {name} in {root}")
     summary.print_unmade(console, config, found)
     summary.print_audit(console, folder)
     summary.print_left_out(console, folder)
@@ -122,7 +116,7 @@ def _run(config: RunConfig, console: Console, command_line: str) -> int:
     summary.print_keypoints(console, folder)
     summary.print_corrections(console, folder)
     summary.print_times(console, found, started)
-    _say(console, f"results: {folder}")
+    say(console, f"results: {folder}")
     if all(result.has_entry for result in found):
         return 0
     summary.print_failures(console, found, _logs(config, run))
@@ -138,7 +132,7 @@ def _run_until_whole(config: RunConfig, run: str, console: Console) -> list[Resu
             _execute(config, works, console)
         if not any(result.is_repairable for result in results(works)):
             break
-        console.print("the store had damaged entries; they were set aside and are made anew")
+        say(console, "the store had damaged entries; they were set aside and are made anew")
     return results(works)
 
 
@@ -157,9 +151,8 @@ def _collect_garbage(config: RunConfig, console: Console) -> int:
         garbage = find_garbage(config.workspace, config.gc)
         counts = f"{len(garbage.runs)} runs, {len(garbage.entries)} entries, {len(garbage.leftovers)} leftovers"
         counts += f", scratch of {len(garbage.scratch)} computations"
-        console.print(
-            f"{'would remove' if config.gc.dry_run else 'removed'} {counts}: {garbage.num_bytes / 1e6:.1f} MB"
-        )
+        verb = "would remove" if config.gc.dry_run else "removed"
+        say(console, f"{verb} {counts}: {garbage.num_bytes / 1e6:.1f} MB")
         if not config.gc.dry_run:
             garbage.remove()
     return 0
@@ -176,10 +169,6 @@ def _works(config: RunConfig, run: str) -> list[SequenceWork]:
         nodes = possible_nodes(config, sequence.sequence_id, origins)
         works.append(SequenceWork(config, sequence, origins, nodes, _logs(config, run), threads))
     return with_set(works, split_of)
-
-
-def _say(console: Console, sentence: str) -> None:
-    console.print(sentence, markup=False, highlight=False, soft_wrap=True)
 
 
 def _new_run_name(workspace: Path) -> str:

@@ -26,6 +26,7 @@ from pipeline.html_report.pictures import from_figure
 from pipeline.html_report.writing import save
 from pipeline.measured import RECORDINGS, NothingToShow
 from pipeline.summary import quality_grids
+from pipeline.terminal import say
 from pipeline.verb_evaluation import verb_rows
 from stages.evaluate import UPPER_BOUND
 
@@ -77,7 +78,7 @@ def compare_runs(config: RunConfig, console: Console) -> int:
         printed = [d for d in _of_table(found, TABLE) if d.metric in _PRINTED]
         console.print(rich_table(_grid(title, pair, printed)))
     if not overall:
-        console.print("no method was evaluated in both runs; the page has what else they share")
+        say(console, "no method was evaluated in both runs; the page has what else they share")
     folder = pair.first.folder / "report"
     folder.mkdir(exist_ok=True)
     save(console, _page(pair, overall), folder / f"compare_{pair.first.name}_{pair.second.name}.html")

@@ -12,6 +12,7 @@ from assemblyhands_core.data.corrections import NOT_SEEN
 from assemblyhands_core.data.json_files import FormatError
 from pipeline.config import RunConfig, UserError
 from pipeline.correction_folders import read_task, task_folder
+from pipeline.terminal import say
 
 
 def import_corrections(config: RunConfig, console: Console) -> int:
@@ -28,11 +29,11 @@ def import_corrections(config: RunConfig, console: Console) -> int:
             path = config.corrections.absolute() / f"{sequence_id}.csv"
             before = {c.key: c for c in read_corrections(path)} if path.is_file() else {}
             write_corrections(path, {**before, **{c.key: c for c in changed}}.values())
-            console.print(f"{_said(sequence_id, changed)}: {path}", markup=False, highlight=False, soft_wrap=True)
+            say(console, f"{_said(sequence_id, changed)}: {path}")
     except FormatError as error:
         raise UserError(str(error)) from error
     if not any(found.values()):
-        console.print("nothing was changed in these pictures", markup=False, highlight=False)
+        say(console, "nothing was changed in these pictures")
     return 0
 
 

@@ -16,6 +16,7 @@ from assemblyhands_core.metrics.comparison import compare_methods
 from pipeline.config import RunConfig
 from pipeline.grids import Grid, rich_table
 from pipeline.manifests import select_rows
+from pipeline.terminal import say
 from stages import evaluate
 from stages.triangulate_ego import SOURCE as EGO_ONLY
 
@@ -114,8 +115,7 @@ def print_evaluation(console: Console, config: RunConfig, run: Path, kinds: Mapp
 def _print_pooled(console: Console, pool: Pool, resampling: Resampling) -> None:
     """Print figures over several sequences, and of methods against one another."""
     for name in pool.left_out:
-        line = f"{name} is not in the figures over {pool.name} sequences: not all methods were evaluated there"
-        console.print(line, markup=False, highlight=False, soft_wrap=True)
+        say(console, f"{name} is not in the figures over {pool.name} sequences: not all methods were evaluated there")
     if not pool.errors:
         return
     whole, title = pa.concat_tables(pool.errors), f"{pool.name}: {len(pool.errors)} sequences"

@@ -35,6 +35,7 @@ from assemblyhands_core.hands.joints import HANDS, NUM_BOTH, NUM_JOINTS
 from pipeline.config import RunConfig
 from pipeline.publishing import lay_out
 from pipeline.recordings import Recording, select_recordings
+from pipeline.terminal import say
 
 TARGET: Final = "export"
 PREDICTION: Final = "predict"
@@ -78,7 +79,7 @@ def write_export(console: Console, config: RunConfig, run: Path) -> None:
     """
     if config.target == TARGET:
         folder = export(run, select_recordings(config), config.rounds)
-        console.print(f"exported: {folder}", markup=False, highlight=False, soft_wrap=True)
+        say(console, f"exported: {folder}")
 
 
 def write_hands2023(console: Console, config: RunConfig, run: Path) -> None:
@@ -90,7 +91,7 @@ def write_hands2023(console: Console, config: RunConfig, run: Path) -> None:
     predicted = {recording.sequence_id: _both_hands(recording, run) for recording in select_recordings(config)}
     archive, problems = write_submission(config.hands2023_template, predicted, folder)
     for sentence in (*problems, f"submission: {archive}"):
-        console.print(sentence, markup=False, highlight=False, soft_wrap=True)
+        say(console, sentence)
 
 
 def _both_hands(recording: Recording, run: Path) -> dict[int, Any]:

@@ -21,6 +21,7 @@ from pipeline.executors import resolve_workers
 from pipeline.garbage import num_bytes_below, subfolders
 from pipeline.run_folders import RunFolders, read_run_folders
 from pipeline.takes import studio_folder
+from pipeline.terminal import say
 
 
 def fsck(config: RunConfig, console: Console) -> int:
@@ -36,10 +37,10 @@ def fsck(config: RunConfig, console: Console) -> int:
         damages.sort(key=lambda damage: damage.place)
         sentences = _settle_all(damages, config, runs)
         for sentence in [*runs.flaws, *sentences, *leftovers]:
-            _say(console, sentence)
+            say(console, sentence)
     num_bytes, seconds = sum(check.num_bytes for check in found), time.monotonic() - started
     rate = f"{num_bytes / 1e9:.2f} GB in {seconds:.1f} s, {num_bytes / 1e9 / seconds:.2f} GB/s"
-    _say(console, f"checked {len(found)} entries and recordings ({rate}): {_verdict(damages, runs)}")
+    say(console, f"checked {len(found)} entries and recordings ({rate}): {_verdict(damages, runs)}")
     return 1 if damages or runs.flaws else 0
 
 
@@ -130,7 +131,3 @@ def _verdict(damages: Sequence[Damage], runs: RunFolders) -> str:
         return "whole"
     num_aside = sum(damage.is_certain for damage in damages)
     return f"{num_aside} damaged, {len(damages) - num_aside} could not be read, {len(runs.flaws)} flaws in runs"
-
-
-def _say(console: Console, sentence: str) -> None:
-    console.print(sentence, markup=False, highlight=False, soft_wrap=True)

@@ -17,6 +17,7 @@ from assemblyhands_core.data.rigs import read_calibration
 from pipeline.config import RunConfig, UserError
 from pipeline.manifests import ManifestRow, select_rows
 from pipeline.recordings import RELEASE_PACKAGE, release_folder
+from pipeline.terminal import say
 
 _MAX_SENTENCES = 20
 
@@ -113,6 +114,6 @@ def _print(console: Console, found: list[Findings]) -> None:
     console.print(table)
     sentences = list(dict.fromkeys(sentence for one in found for sentence in one.problems))
     for sentence in sentences[:_MAX_SENTENCES]:
-        console.print(sentence, markup=False, highlight=False, soft_wrap=True)
+        say(console, sentence)
     if len(sentences) > _MAX_SENTENCES:
-        console.print(f"and {len(sentences) - _MAX_SENTENCES} more")
+        say(console, f"and {len(sentences) - _MAX_SENTENCES} more")

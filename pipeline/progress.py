@@ -11,6 +11,7 @@ from rich.progress import Task as RichTask
 
 from pipeline.graph import Node
 from pipeline.tasks import Result
+from pipeline.terminal import say
 from pipeline.work import Handle, SequenceWork
 
 _SECONDS_BETWEEN_LINES = 5.0
@@ -67,7 +68,7 @@ class Progress:
         rate = f"{frames / elapsed:.1f} frames/s" if frames else ""
         self._bars.update(row.id, advance=1, frames=frames, rate=rate)
         if result.status == "failed":
-            self._console.print(f"failed: {result.node} {result.shard}: {result.error}", markup=False)
+            say(self._console, f"failed: {result.node} {result.shard}: {result.error}")
         if not self._console.is_terminal:
             self._print_line(result.node, elapsed)
 
@@ -84,6 +85,4 @@ class Progress:
         done = sum(task.completed for task in self._bars.tasks)
         eta = f", about {elapsed * left / done:.0f} s to go" if done and left else ""
         rate = f", {row.fields['rate']}" if row.fields["rate"] else ""
-        self._console.print(
-            f"{node}: {row.completed:.0f}/{row.total:.0f} shards{rate}{eta}", markup=False, highlight=False
-        )
+        say(self._console, f"{node}: {row.completed:.0f}/{row.total:.0f} shards{rate}{eta}")

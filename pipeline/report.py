@@ -17,6 +17,7 @@ from pipeline.finished import FinishedRun, open_run
 from pipeline.html_report.writing import write_page
 from pipeline.measured import RECORDINGS, Measured, NothingToShow
 from pipeline.round_crops import read_courses
+from pipeline.terminal import say
 from stages import evaluate, evaluate_ego, tabulate_ego, tabulate_verbs
 
 _FILES_OF: Final = ("evaluate", "all")
@@ -67,7 +68,7 @@ def _write_files(console: Console, run: FinishedRun) -> None:
             line = f"report: {folder / name}"
         except NothingToShow as reason:
             line = f"report: without {name}: {reason}"
-        console.print(line, markup=False, highlight=False, soft_wrap=True)
+        say(console, line)
 
 
 def _write_metrics(path: Path, run: Path, pooled: Mapping[str, Sequence[Cell]]) -> None:

@@ -15,6 +15,7 @@ from pipeline.manifests import select_rows
 from pipeline.rerun_scene import write_scene
 from pipeline.sequence_tables import SequenceTables, sequence_of
 from pipeline.takes import STUDIO_PACKAGE, studio_folder
+from pipeline.terminal import say
 
 _FOLDER: Final = "view"
 _LATEST: Final = "latest"
@@ -42,7 +43,7 @@ def write_rerun_views(config: RunConfig, console: Console) -> int:
 def _say(console: Console, said: str, path: Path) -> None:
     megabytes = path.stat().st_size / 1e6
     for sentence in (said, f"rerun: {path} ({megabytes:.1f} MB); open it: .venv/bin/rerun {path}"):
-        console.print(sentence, markup=False, highlight=False, soft_wrap=True)
+        say(console, sentence)
 
 
 def _min_confidence(config: RunConfig) -> float:
@@ -88,7 +89,7 @@ def ground_truth_folder(config: RunConfig, run: Path, sequence_id: str, console:
     try:
         (row,) = select_rows(config.model_copy(update=update))
     except UserError as error:
-        console.print(f"without truth: {error}", markup=False, highlight=False, soft_wrap=True)
+        say(console, f"without truth: {error}")
         return None
     if row["package"] == STUDIO_PACKAGE:
         folder = DatasetLayout(studio_folder(config.workspace)).ground_truth(sequence_id)

@@ -17,6 +17,7 @@ from pipeline.config import RunConfig
 from pipeline.grids import Grid, rich_table
 from pipeline.plan import PlannedNode
 from pipeline.tasks import Result
+from pipeline.terminal import say
 from pipeline.view import node_digest
 from stages.annotate_round import SHIPPED_WEIGHTS, weights_path
 
@@ -36,9 +37,9 @@ def print_plan(console: Console, rows: Sequence[PlannedNode], seconds: float | N
         table.add_row(row.sequence_id, row.node, str(row.num_reused), to_run, escape(row.reason), estimate)
     console.print(table)
     if all(row.num_to_run == 0 for row in rows):
-        console.print("nothing to do: everything is reused")
+        say(console, "nothing to do: everything is reused")
     elif seconds is not None:
-        console.print(f"estimated time: {_duration(seconds)}")
+        say(console, f"estimated time: {_duration(seconds)}")
 
 
 def print_failures(console: Console, results: Sequence[Result], logs: Path) -> None:
@@ -48,7 +49,7 @@ def print_failures(console: Console, results: Sequence[Result], logs: Path) -> N
         table.add_row(result.node, str(result.shard), result.status, escape(result.error))
     console.print(table)
     advice = "Run the same command again after the remedy."
-    console.print(f"everything else is done and kept; logs: {logs}. {advice}", markup=False, highlight=False)
+    say(console, f"everything else is done and kept; logs: {logs}. {advice}")
 
 
 def print_times(console: Console, results: Sequence[Result], started: float) -> None:
@@ -63,7 +64,7 @@ def print_times(console: Console, results: Sequence[Result], started: float) -> 
         digest = node_digest(results, node)[:16]
         table.add_row(node, str(len(shards)), str(reused), _duration(seconds) if seconds else "", digest)
     console.print(table)
-    console.print(f"engine time: {time.monotonic() - started:.1f} s")
+    say(console, f"engine time: {time.monotonic() - started:.1f} s")
 
 
 def print_unmade(console: Console, config: RunConfig, found: Sequence[Result]) -> None:
@@ -71,8 +72,7 @@ def print_unmade(console: Console, config: RunConfig, found: Sequence[Result]) -
     made = {result.node for result in found}
     unmade = [name for name in config.wanted_nodes if config.dag.nodes[name].shard == "set" and name not in made]
     if unmade:
-        text = f"not made, as no sequence of this run has what they need: {', '.join(unmade)}"
-        console.print(text, markup=False, highlight=False, soft_wrap=True)
+        say(console, f"not made, as no sequence of this run has what they need: {', '.join(unmade)}")
 
 
 def print_left_out(console: Console, run: Path) -> None:
@@ -86,8 +86,7 @@ def print_left_out(console: Console, run: Path) -> None:
         by_reason.pop("", None)
         parts = [f"{', '.join(cameras)} ({reason})" for reason, cameras in by_reason.items()]
         if parts:
-            line = f"{path.stem}: views left out: {'; '.join(parts)}; `doctor` says more"
-            console.print(line, markup=False, highlight=False, soft_wrap=True)
+            say(console, f"{path.stem}: views left out: {'; '.join(parts)}; `doctor` says more")
 
 
 def print_quality(console: Console, run: Path) -> None:
@@ -96,9 +95,9 @@ def print_quality(console: Console, run: Path) -> None:
         console.print(rich_table(grid))
     for path in sorted((run / "detect_hands" / "followed").glob("*.parquet")):
         for note in pq.read_table(path.resolve()).column("note").to_pylist():
-            console.print(f"{path.stem}: {note}", markup=False, highlight=False, soft_wrap=True)
+            say(console, f"{path.stem}: {note}")
     for picture in drawn_pictures(run):
-        console.print(f"picture: {picture}", markup=False, highlight=False, soft_wrap=True)
+        say(console, f"picture: {picture}")
 
 
 def quality_grids(run: Path) -> list[Grid]:
@@ -126,12 +125,11 @@ def print_rounds(console: Console, run: Path, synthetic: Collection[str]) -> Non
         for name, config in json.loads(path.read_text())["configs"].items():
             files = sorted((path.parent / "rounds").glob(f"{name}.*"))
             rounds = pa.concat_tables([pq.read_table(file.resolve()) for file in files]).to_pandas()
-            line = f"{name}, {path.parent.name}: {_of_round(rounds)}"
-            console.print(line, markup=False, highlight=False, soft_wrap=True)
+            say(console, f"{name}, {path.parent.name}: {_of_round(rounds)}")
             is_shipped = weights_path(config["weights"]) == weights_path(SHIPPED_WEIGHTS)
             strangers += [name] if is_shipped and name not in synthetic else []
     for name in dict.fromkeys(strangers):
-        console.print(f"{name}: {_ON_SHIPPED_WEIGHTS}", markup=False, highlight=False, soft_wrap=True)
+        say(console, f"{name}: {_ON_SHIPPED_WEIGHTS}")
 
 
 def _of_round(rounds: pd.DataFrame) -> str:
@@ -146,8 +144,7 @@ def print_weights(console: Console, run: Path) -> None:
     """Print where a training left its weights."""
     for path in sorted(run.glob("*/weights/*.parquet")):
         for row in pq.read_table(path.resolve()).to_pylist():
-            line = f"weights: {row['network']} in {path.resolve().parent / row['weights_file']}"
-            console.print(line, markup=False, highlight=False, soft_wrap=True)
+            say(console, f"weights: {row['network']} in {path.resolve().parent / row['weights_file']}")
 
 
 def print_keypoints(console: Console, run: Path) -> None:
@@ -156,8 +153,7 @@ def print_keypoints(console: Console, run: Path) -> None:
         for name, config in json.loads(path.read_text())["configs"].items():
             root = config.get("options", {}).get("precomputed", {}).get("root")
             if root is not None:
-                line = f"{name}: no detector ran, its 2D keypoints were given: {root}"
-                console.print(line, markup=False, highlight=False, soft_wrap=True)
+                say(console, f"{name}: no detector ran, its 2D keypoints were given: {root}")
 
 
 def print_corrections(console: Console, run: Path) -> None:
@@ -168,8 +164,7 @@ def print_corrections(console: Console, run: Path) -> None:
     points = pa.concat_tables([pq.read_table(file) for file in files]).to_pandas()
     for name, of_sequence in points.groupby("sequence_id"):
         hands = len(of_sequence[["frame", "hand"]].drop_duplicates())
-        line = f"{name}: {len(of_sequence)} points of {hands} hands were corrected by hand"
-        console.print(line, markup=False, highlight=False, soft_wrap=True)
+        say(console, f"{name}: {len(of_sequence)} points of {hands} hands were corrected by hand")
 
 
 def print_audit(console: Console, run: Path) -> None:

@@ -27,6 +27,7 @@ from pipeline.correction_folders import IMAGES, task_folder, task_pictures, writ
 from pipeline.finished import FinishedRun, open_run
 from pipeline.round_crops import round_nodes
 from pipeline.sequence_tables import SequenceTables
+from pipeline.terminal import say
 
 _SHOWN = 5
 
@@ -73,7 +74,7 @@ def write_suspects(config: RunConfig, console: Console) -> int:
     run = open_run(config, config.run)
     for sequence_id in _chosen(config.seq, run):
         for sentence in _write_one(run, sequence_id, config, config.corrections.absolute()):
-            console.print(sentence, markup=False, highlight=False, soft_wrap=True)
+            say(console, sentence)
     return 0
 
 

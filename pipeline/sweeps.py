@@ -18,6 +18,7 @@ from pipeline.config import RunConfig, UserError
 from pipeline.ego_evaluation import egocentric_rows
 from pipeline.finished import FinishedRun, open_run
 from pipeline.grids import Grid, rich_table
+from pipeline.terminal import say
 from pipeline.verb_evaluation import verb_rows
 
 _ANNOTATION: Final = {"mpjpe_mm": "MPJPE (mm)", "pck_auc": "PCK-AUC (%)", "coverage": "coverage (%)"}
@@ -80,7 +81,7 @@ def write_sweep(console: Console, points: Sequence[Point], folder: Path) -> None
     console.print(rich_table(Grid("sweep (95 % intervals)", [*varied, "run", *names], lines)))
     folder.mkdir(parents=True, exist_ok=True)
     _write_csv(folder / "sweep.csv", varied, points, found)
-    _say(console, f"sweep: {folder / 'sweep.csv'}")
+    say(console, f"sweep: {folder / 'sweep.csv'}")
     if names and len(varied) <= _MAX_DRAWN:
         values = [
             SweptValue(tuple(point.settings.get(name, "") for name in varied), f.value, f.low, f.high)
@@ -88,7 +89,7 @@ def write_sweep(console: Console, points: Sequence[Point], folder: Path) -> None
             if (f := figures.get(names[0])) is not None
         ]
         save_figure(sweep_figure(varied, names[0], values), folder / "sweep.png")
-        _say(console, f"sweep: {folder / 'sweep.png'}")
+        say(console, f"sweep: {folder / 'sweep.png'}")
 
 
 def varied_parameters(points: Sequence[Point]) -> list[str]:
@@ -157,7 +158,3 @@ def _write_csv(
             for name, figure in figures.items():
                 row = [*settings, point.config.run, name, figure.value, figure.low, figure.high, figure.n]
                 writer.writerow(row)
-
-
-def _say(console: Console, sentence: str) -> None:
-    console.print(sentence, markup=False, highlight=False, soft_wrap=True)

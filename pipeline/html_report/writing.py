@@ -10,6 +10,7 @@ from rich.console import Console
 from pipeline.finished import FinishedRun
 from pipeline.html_report import annotation, instants, joints, making, networks, overview, rounds
 from pipeline.html_report.page import Block, Page, sections
+from pipeline.terminal import say
 
 FILE: Final = "report.html"
 _MAX_COMMAND: Final = 200  # letters of it under the head; provenance has all
@@ -50,5 +51,5 @@ def save(console: Console, page: Page, path: Path) -> Path:
     draft = path.with_name(f".{path.name}")
     draft.write_text(page.render(), encoding="utf-8")
     draft.replace(path)
-    console.print(f"report: {path}", markup=False, highlight=False, soft_wrap=True)
+    say(console, f"report: {path}")
     return path
