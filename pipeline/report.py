@@ -7,7 +7,7 @@ from typing import Final
 
 from rich.console import Console
 
-from assemblyhands_core.data.catalog import EVALUATION
+from assemblyhands_core.data.evaluation_tables import EVALUATION
 from assemblyhands_core.metrics.annotation import Cell
 from assemblyhands_core.viz.figures import pck_figure, round_figure, save_figure
 from assemblyhands_core.viz.round_sheet import draw_sheet, save_sheet

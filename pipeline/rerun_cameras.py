@@ -11,8 +11,9 @@ import pyarrow as pa
 
 from assemblyhands_core.data.arrays import to_numpy
 from assemblyhands_core.data.camera_rows import camera_from_row
-from assemblyhands_core.data.catalog import CHUNKS, EGO_BOXES, EGO_FRAMES, KEYPOINTS, RECTIFIED_VIEWS, VIEWS
+from assemblyhands_core.data.catalog import CHUNKS, KEYPOINTS, RECTIFIED_VIEWS, VIEWS
 from assemblyhands_core.data.crop_images import ImageRGB
+from assemblyhands_core.data.ego_tables import EGO_BOXES, EGO_FRAMES
 from assemblyhands_core.data.ego_views import EgoView, ego_views
 from assemblyhands_core.data.keypoint_rows import keypoints_by_view, positions
 from assemblyhands_core.data.video import VideoReader

@@ -5,8 +5,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Final
 
-from assemblyhands_core.data.catalog import WEIGHTS
 from assemblyhands_core.data.digests import digest_file
+from assemblyhands_core.data.training_tables import WEIGHTS
 from stages._contract import Context, StageConfig, Tables
 
 _REPOSITORY: Final = Path(__file__).resolve().parents[1]

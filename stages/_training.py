@@ -15,11 +15,11 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from pydantic import Field, model_validator
 
-from assemblyhands_core.data.catalog import TRAINING_CURVE, WEIGHTS
 from assemblyhands_core.data.digests import digest_file
 from assemblyhands_core.data.hand_crops import stored_hands
 from assemblyhands_core.data.members import TRAINING_SPLITS, VALIDATION_SPLITS
 from assemblyhands_core.data.provenance import code_commit
+from assemblyhands_core.data.training_tables import TRAINING_CURVE, WEIGHTS
 from assemblyhands_core.synthetic.version import SIMULATOR_VERSION
 from assemblyhands_core.training.hand_dataset import Augmentation, HandCrops
 from stages._contract import Context, StageConfig, Tables

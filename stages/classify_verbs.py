@@ -8,10 +8,10 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field
 
-from assemblyhands_core.data.catalog import WEIGHTS
 from assemblyhands_core.data.fine_grained import VERBS
 from assemblyhands_core.data.pose_clips import PoseClip
 from assemblyhands_core.data.pose_sequences import WRIST_NODE
+from assemblyhands_core.data.training_tables import WEIGHTS
 from assemblyhands_core.data.verb_clip_rows import clips_of
 from assemblyhands_core.data.verb_segments import VerbSegment
 from assemblyhands_core.data.verb_tables import VERB_CLIPS, VERB_PREDICTIONS

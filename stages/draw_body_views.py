@@ -6,9 +6,10 @@ from typing import Any
 import numpy as np
 from pydantic import Field
 
-from assemblyhands_core.data.catalog import BODY_LABELS, CHUNKS
+from assemblyhands_core.data.catalog import CHUNKS
 from assemblyhands_core.data.crop_images import encode_jpeg
 from assemblyhands_core.data.studio_tables import CROP_ORDERS
+from assemblyhands_core.data.training_tables import BODY_LABELS
 from assemblyhands_core.geometry.cameras import Camera
 from assemblyhands_core.synthetic.body_keypoints import body_keypoints_mm
 from assemblyhands_core.synthetic.crop_draws import draw_training_take, training_subject

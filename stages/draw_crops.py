@@ -11,9 +11,10 @@ import numpy as np
 from pydantic import Field
 
 from assemblyhands_core.data.camera_rows import camera_to_row, missing_camera_row
-from assemblyhands_core.data.catalog import CHUNKS, CROPS, HAND_LABELS
+from assemblyhands_core.data.catalog import CHUNKS, CROPS
 from assemblyhands_core.data.crop_images import encode_jpeg
 from assemblyhands_core.data.studio_tables import CROP_ORDERS
+from assemblyhands_core.data.training_tables import HAND_LABELS
 from assemblyhands_core.synthetic.crop_boxes import AroundHand
 from assemblyhands_core.synthetic.crop_draws import TrainingTake, draw_training_take, training_subject
 from assemblyhands_core.synthetic.crop_mode import HandViews

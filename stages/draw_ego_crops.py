@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 from pydantic import Field
 
-from assemblyhands_core.data.catalog import CHUNKS, EGO_CROPS
+from assemblyhands_core.data.catalog import CHUNKS
 from assemblyhands_core.data.ego_boxes import OUTSIDE_VIEW, ego_box
 from assemblyhands_core.data.ego_crop_rows import ego_crop_row, ego_hole_row
+from assemblyhands_core.data.ego_tables import EGO_CROPS
 from assemblyhands_core.data.studio_tables import CROP_ORDERS
 from assemblyhands_core.hands.joints import HANDS, NUM_JOINTS, Hand
 from assemblyhands_core.synthetic.crop_boxes import Windows

@@ -15,9 +15,10 @@ from pydantic import Field
 
 from assemblyhands_core.data.arrays import evenly_spread
 from assemblyhands_core.data.camera_rows import camera_from_row
-from assemblyhands_core.data.catalog import EGO_CROPS, EGO_HANDS, OVERLAYS, VIEWS
+from assemblyhands_core.data.catalog import OVERLAYS, VIEWS
 from assemblyhands_core.data.crop_images import decode_image
 from assemblyhands_core.data.digests import digest_file
+from assemblyhands_core.data.ego_tables import EGO_CROPS, EGO_HANDS
 from assemblyhands_core.data.video import VideoReader
 from assemblyhands_core.geometry.cameras import Camera
 from assemblyhands_core.geometry.crops import square_box

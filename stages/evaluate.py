@@ -11,7 +11,8 @@ import pyarrow.compute as pc
 from pydantic import Field, model_validator
 
 from assemblyhands_core.data.arrays import to_numpy
-from assemblyhands_core.data.catalog import CHUNKS, ERRORS, EVALUATION, JOINTS, SOURCES
+from assemblyhands_core.data.catalog import CHUNKS, JOINTS, SOURCES
+from assemblyhands_core.data.evaluation_tables import ERRORS, EVALUATION
 from assemblyhands_core.data.keypoint_rows import rows_of_hands
 from assemblyhands_core.data.label_rows import MANUAL
 from assemblyhands_core.data.round_outcomes import KEPT

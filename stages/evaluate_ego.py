@@ -4,7 +4,9 @@ import numpy as np
 import pyarrow.compute as pc
 
 from assemblyhands_core.data.arrays import to_numpy
-from assemblyhands_core.data.catalog import EGO_CROPS, EGO_ERRORS, EGO_HANDS, MEMBERS
+from assemblyhands_core.data.catalog import MEMBERS
+from assemblyhands_core.data.ego_tables import EGO_CROPS, EGO_HANDS
+from assemblyhands_core.data.evaluation_tables import EGO_ERRORS
 from assemblyhands_core.data.label_rows import MANUAL
 from assemblyhands_core.data.tables import TableSpec
 from assemblyhands_core.hands.joints import HANDS, NUM_JOINTS

@@ -15,8 +15,9 @@ from assemblyhands_core.data.assemblyhands import KEY_RATE_HZ, EgoCalibration, J
 from assemblyhands_core.data.assemblyhands_images import image_root, read_ego_images
 from assemblyhands_core.data.blob_names import blob_name
 from assemblyhands_core.data.camera_rows import camera_to_row, missing_camera_row
-from assemblyhands_core.data.catalog import CHUNKS, EGO_BOXES, EGO_FRAMES, JOINTS, SOURCES, VIEWS
+from assemblyhands_core.data.catalog import CHUNKS, JOINTS, SOURCES, VIEWS
 from assemblyhands_core.data.ego_sources import RELEASE_RATE_HZ, ReleasePictures, pose_rows
+from assemblyhands_core.data.ego_tables import EGO_BOXES, EGO_FRAMES
 from assemblyhands_core.data.fine_grained import Segment, read_fine_grained
 from assemblyhands_core.data.label_rows import as_joint_rows, first_key_of, keys_per_frame, label_rows, read_recording
 from assemblyhands_core.data.names import ego_calibration_name, ego_serial

@@ -15,14 +15,8 @@ from pydantic import Field
 
 from assemblyhands_core.data.arrays import to_numpy
 from assemblyhands_core.data.camera_rows import valid_cameras
-from assemblyhands_core.data.catalog import (
-    BODIES,
-    BODY_KEYPOINTS,
-    JOINTS,
-    QUALITY,
-    RESIDUALS,
-    VIEWS,
-)
+from assemblyhands_core.data.catalog import BODIES, BODY_KEYPOINTS, JOINTS, RESIDUALS, VIEWS
+from assemblyhands_core.data.evaluation_tables import QUALITY
 from assemblyhands_core.data.keypoint_rows import rows_of_hands
 from assemblyhands_core.data.round_outcomes import KEPT
 from assemblyhands_core.data.rounds import joints_or_nan

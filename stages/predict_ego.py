@@ -16,9 +16,11 @@ import pyarrow.compute as pc
 from pydantic import Field
 
 from assemblyhands_core.data.arrays import to_numpy
-from assemblyhands_core.data.catalog import EGO_CROPS, EGO_HANDS, JOINTS, WEIGHTS
+from assemblyhands_core.data.catalog import JOINTS
 from assemblyhands_core.data.crop_images import decode_image
 from assemblyhands_core.data.ego_boxes import IDENTITIES
+from assemblyhands_core.data.ego_tables import EGO_CROPS, EGO_HANDS
+from assemblyhands_core.data.training_tables import WEIGHTS
 from assemblyhands_core.geometry.lifting import lifted_mm, wrist_depth_of_size_mm
 from assemblyhands_core.hands.joints import BONES, HANDS, NUM_JOINTS, WRIST
 from assemblyhands_core.hands.kinematics import HandSkeleton

@@ -9,10 +9,10 @@ boxes, as the release's do, are cropped around those, annotated or not.
 from collections.abc import Mapping
 from typing import Any
 
-from assemblyhands_core.data.catalog import EGO_CROPS
 from assemblyhands_core.data.crop_images import ImageRGB
 from assemblyhands_core.data.ego_boxes import OUTSIDE_VIEW, EgoBox
 from assemblyhands_core.data.ego_crop_rows import ego_crop_row, ego_hole_row
+from assemblyhands_core.data.ego_tables import EGO_CROPS
 from assemblyhands_core.data.ego_views import EGO_INPUTS, EgoHands, EgoView, ego_hands, ego_views
 from assemblyhands_core.geometry.regions import cut_region
 from assemblyhands_core.hands.joints import HANDS, Hand

@@ -4,8 +4,9 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from pydantic import Field
 
-from assemblyhands_core.data.catalog import HAND_LABELS, JOINTS, SOURCES, VIEWS
+from assemblyhands_core.data.catalog import JOINTS, SOURCES, VIEWS
 from assemblyhands_core.data.label_rows import as_joint_rows, first_key_of, keys_per_frame, label_rows, read_recording
+from assemblyhands_core.data.training_tables import HAND_LABELS
 from stages._contract import Context, Stage, StageConfig, Tables
 
 

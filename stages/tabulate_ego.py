@@ -4,7 +4,8 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from pydantic import Field
 
-from assemblyhands_core.data.catalog import EGO_ERRORS, EVALUATION, MEMBERS
+from assemblyhands_core.data.catalog import MEMBERS
+from assemblyhands_core.data.evaluation_tables import EGO_ERRORS, EVALUATION
 from assemblyhands_core.data.members import judged_of
 from assemblyhands_core.metrics.annotation import Resampling
 from assemblyhands_core.metrics.egocentric import evaluate_egocentric

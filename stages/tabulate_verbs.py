@@ -6,7 +6,8 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from pydantic import Field
 
-from assemblyhands_core.data.catalog import EVALUATION, MEMBERS
+from assemblyhands_core.data.catalog import MEMBERS
+from assemblyhands_core.data.evaluation_tables import EVALUATION
 from assemblyhands_core.data.members import judged_of
 from assemblyhands_core.data.verb_tables import VERB_PREDICTIONS
 from assemblyhands_core.metrics.verb_rows import Blocks

@@ -3,7 +3,8 @@
 import pyarrow.compute as pc
 from pydantic import Field
 
-from assemblyhands_core.data.catalog import BODY_LABELS, CHUNKS, TRAINING_CURVE, WEIGHTS
+from assemblyhands_core.data.catalog import CHUNKS
+from assemblyhands_core.data.training_tables import BODY_LABELS, TRAINING_CURVE, WEIGHTS
 from assemblyhands_core.hands.body import NUM_BODY_KEYPOINTS
 from assemblyhands_core.training.body_dataset import BodyAugmentation, BodyViews
 from stages._contract import Context, Stage, StageConfig, Tables

@@ -2,7 +2,8 @@
 
 from pydantic import Field
 
-from assemblyhands_core.data.catalog import CHUNKS, CROPS, HAND_LABELS, TRAINING_CURVE, WEIGHTS
+from assemblyhands_core.data.catalog import CHUNKS, CROPS
+from assemblyhands_core.data.training_tables import HAND_LABELS, TRAINING_CURVE, WEIGHTS
 from stages._contract import Context, Stage, Tables
 from stages._training import TrainingConfig, begun, data_sets, fitted, training_externals
 

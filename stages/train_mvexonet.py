@@ -4,7 +4,8 @@ from typing import TYPE_CHECKING, Literal, Self
 
 from pydantic import Field, model_validator
 
-from assemblyhands_core.data.catalog import CHUNKS, CROPS, HAND_LABELS, TRAINING_CURVE, WEIGHTS
+from assemblyhands_core.data.catalog import CHUNKS, CROPS
+from assemblyhands_core.data.training_tables import HAND_LABELS, TRAINING_CURVE, WEIGHTS
 from stages._contract import Context, Stage, Tables
 from stages._training import TrainingConfig, data_sets, fitted, started, training_externals, weights_file
 

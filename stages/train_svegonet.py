@@ -8,7 +8,9 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from pydantic import Field
 
-from assemblyhands_core.data.catalog import EGO_CROPS, MEMBERS, TRAINING_CURVE, WEIGHTS
+from assemblyhands_core.data.catalog import MEMBERS
+from assemblyhands_core.data.ego_tables import EGO_CROPS
+from assemblyhands_core.data.training_tables import TRAINING_CURVE, WEIGHTS
 from assemblyhands_core.training.ego_dataset import PLAIN, EgoAugmentation, EgoCrops
 from stages._contract import Context, Stage, StageConfig, Tables
 from stages._training import REPOSITORY, ScheduleConfig, begun, fitted, is_held_out, learnt_from, training_externals

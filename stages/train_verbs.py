@@ -6,10 +6,11 @@ from typing import Literal
 import pyarrow as pa
 from pydantic import Field
 
-from assemblyhands_core.data.catalog import MEMBERS, TRAINING_CURVE, WEIGHTS
+from assemblyhands_core.data.catalog import MEMBERS
 from assemblyhands_core.data.members import TRAINING_SPLITS, VALIDATION_SPLITS
 from assemblyhands_core.data.pose_clips import PoseClip
 from assemblyhands_core.data.pose_sequences import Centre, Length, PoseSequenceConfig, Scale
+from assemblyhands_core.data.training_tables import TRAINING_CURVE, WEIGHTS
 from assemblyhands_core.data.verb_clip_rows import clips_of
 from assemblyhands_core.data.verb_segments import VerbSegment
 from assemblyhands_core.data.verb_tables import VERB_CLIPS

@@ -14,8 +14,9 @@ import numpy.typing as npt
 from pydantic import Field
 
 from assemblyhands_core.data.camera_rows import camera_from_row
-from assemblyhands_core.data.catalog import EGO_CROPS, JOINTS
+from assemblyhands_core.data.catalog import JOINTS
 from assemblyhands_core.data.crop_images import decode_image
+from assemblyhands_core.data.ego_tables import EGO_CROPS
 from assemblyhands_core.data.outcomes import outcome_columns
 from assemblyhands_core.data.strays import without_strays
 from assemblyhands_core.detectors.base import HandCrop, HandDetection, detect_hands_in

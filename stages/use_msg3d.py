@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 
-from assemblyhands_core.data.catalog import WEIGHTS
+from assemblyhands_core.data.training_tables import WEIGHTS
 from stages._contract import Context, Stage, Tables
 from stages._shipped_weights import UseWeightsConfig, copied_weights, weights_externals
 

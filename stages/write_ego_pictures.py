@@ -13,10 +13,10 @@ from pydantic import Field
 
 from assemblyhands_core.data.blob_names import blob_name
 from assemblyhands_core.data.camera_rows import camera_to_row
-from assemblyhands_core.data.catalog import EGO_PICTURES
 from assemblyhands_core.data.crop_images import ImageRGB, encode_jpeg
 from assemblyhands_core.data.digests import digest_file
 from assemblyhands_core.data.ego_boxes import EgoBox, EgoRule
+from assemblyhands_core.data.ego_tables import EGO_PICTURES
 from assemblyhands_core.data.ego_views import EGO_INPUTS, EgoHands, EgoView, ego_hands, ego_views
 from assemblyhands_core.geometry.cameras import Camera
 from assemblyhands_core.geometry.regions import remap

@@ -7,8 +7,8 @@ import numpy as np
 import pyarrow as pa
 
 from assemblyhands_core.data.camera_rows import camera_to_row, missing_camera_row
-from assemblyhands_core.data.catalog import EGO_CROPS
 from assemblyhands_core.data.crop_images import encode_jpeg
+from assemblyhands_core.data.ego_tables import EGO_CROPS
 from assemblyhands_core.geometry.cameras import Camera
 from assemblyhands_core.geometry.distortion import Pinhole
 from assemblyhands_core.hands.joints import HANDS, WRIST

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 import pyarrow as pa
 
-from assemblyhands_core.data.catalog import EGO_ERRORS, ERRORS
+from assemblyhands_core.data.evaluation_tables import EGO_ERRORS, ERRORS
 from assemblyhands_core.hands.joints import HANDS, NUM_JOINTS
 
 

@@ -10,18 +10,9 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from assemblyhands_core.data.camera_rows import camera_to_row, missing_camera_row
-from assemblyhands_core.data.catalog import (
-    CROPS,
-    ERRORS,
-    EVALUATION,
-    HAND_BOXES,
-    JOINTS,
-    KEYPOINTS,
-    RECTIFIED_VIEWS,
-    ROUNDS,
-    VIEWS,
-)
+from assemblyhands_core.data.catalog import CROPS, HAND_BOXES, JOINTS, KEYPOINTS, RECTIFIED_VIEWS, ROUNDS, VIEWS
 from assemblyhands_core.data.crop_images import encode_jpeg
+from assemblyhands_core.data.evaluation_tables import ERRORS, EVALUATION
 from assemblyhands_core.data.tables import TableSpec, write_parquet
 from assemblyhands_core.geometry.cameras import Camera
 from assemblyhands_core.geometry.crops import crop_camera

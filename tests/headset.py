@@ -9,7 +9,8 @@ from finished_run import write_table
 
 from assemblyhands_core.data.assembly101 import write_assembly101_calibration
 from assemblyhands_core.data.assemblyhands import RECTIFIED_FOCAL_SCALE, EgoCalibration, write_ego_calibration
-from assemblyhands_core.data.catalog import CHUNKS, EGO_BOXES, EGO_FRAMES, JOINTS, RECTIFIED_VIEWS, SOURCES, VIEWS
+from assemblyhands_core.data.catalog import CHUNKS, JOINTS, RECTIFIED_VIEWS, SOURCES, VIEWS
+from assemblyhands_core.data.ego_tables import EGO_BOXES, EGO_FRAMES
 from assemblyhands_core.data.video import VideoWriter
 from assemblyhands_core.geometry.cameras import Camera
 from assemblyhands_core.geometry.crops import rectified

@@ -7,8 +7,9 @@ import numpy as np
 import pyarrow as pa
 
 from assemblyhands_core.data.camera_rows import camera_to_row, missing_camera_row
-from assemblyhands_core.data.catalog import CROPS, HAND_LABELS
+from assemblyhands_core.data.catalog import CROPS
 from assemblyhands_core.data.crop_images import encode_jpeg
+from assemblyhands_core.data.training_tables import HAND_LABELS
 from assemblyhands_core.geometry.cameras import Camera
 from assemblyhands_core.geometry.distortion import Pinhole
 

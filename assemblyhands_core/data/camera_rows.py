@@ -1,4 +1,4 @@
-"""Cameras as columns of a table (the shared camera columns of ``data/catalog.py``) and back."""
+"""Cameras as columns of a table (the shared camera columns of ``data/columns.py``) and back."""
 
 from collections.abc import Mapping
 from typing import Any

@@ -1,4 +1,4 @@
-"""Rows of the table `catalog.EGO_CROPS`: a hand's crop with the labels of both hands, or why there is none."""
+"""Rows of the table `ego_tables.EGO_CROPS`: a hand's crop with the labels of both hands, or why there is none."""
 
 from typing import Any
 

@@ -66,7 +66,7 @@ class ReleasePictures:
             }
 
     def frame_rows(self) -> Iterator[Row]:
-        """Yield a row of `catalog.EGO_FRAMES`, but for the sequence, for each picture that is at a frame."""
+        """Yield a row of `ego_tables.EGO_FRAMES`, but for the sequence, for each picture that is at a frame."""
         unknown = np.full(16, np.nan)
         verbs = {key: verb_at(self.segments, key) for key in {image.frame_60hz for image in self.images}}
         for image in filter(self._is_frame, self.images):
@@ -84,7 +84,7 @@ class ReleasePictures:
             }
 
     def box_rows(self) -> Iterator[Row]:
-        """Yield a row of `catalog.EGO_BOXES`, but for the sequence, for each hand's box in each picture."""
+        """Yield a row of `ego_tables.EGO_BOXES`, but for the sequence, for each hand's box in each picture."""
         for image in filter(self._is_frame, self.images):
             for hand, box in image.box_px.items():
                 place = {"frame": self._frame(image), "hand": hand, "camera_id": ego_video_name(image.camera_id)}
@@ -116,7 +116,7 @@ class ReleasePictures:
 def pose_rows(
     view: Mapping[str, Any], ego: EgoCalibration, first_key: int, segments: Sequence[Segment] = ()
 ) -> Iterator[Row]:
-    """Yield a row of `catalog.EGO_FRAMES`, but for the sequence, for each frame of a camera's video.
+    """Yield a row of `ego_tables.EGO_FRAMES`, but for the sequence, for each frame of a camera's video.
 
     Args:
         view: Row of `catalog.VIEWS`.

@@ -12,9 +12,10 @@ from jaxtyping import Bool, Float
 
 from assemblyhands_core.data.arrays import to_numpy
 from assemblyhands_core.data.camera_rows import camera_from_row
-from assemblyhands_core.data.catalog import CHUNKS, EGO_BOXES, EGO_FRAMES, JOINTS, RECTIFIED_VIEWS, VIEWS
+from assemblyhands_core.data.catalog import CHUNKS, JOINTS, RECTIFIED_VIEWS, VIEWS
 from assemblyhands_core.data.crop_images import ImageRGB, read_picture
 from assemblyhands_core.data.ego_boxes import NO_BOX, EgoBox, EgoRule, ego_box, given_box, no_box
+from assemblyhands_core.data.ego_tables import EGO_BOXES, EGO_FRAMES
 from assemblyhands_core.data.label_rows import MANUAL
 from assemblyhands_core.data.rounds import joints_or_nan
 from assemblyhands_core.data.tables import TableSpec

@@ -107,7 +107,7 @@ def stored_hands(crops: pa.Table) -> dict[HandKey, StoredHand]:
 
 
 def hand_labels(labels: pa.Table) -> dict[HandKey, HandLabel]:
-    """Return the rows of a `catalog.HAND_LABELS` table by hand and instant."""
+    """Return the rows of a `training_tables.HAND_LABELS` table by hand and instant."""
     joints = to_numpy(labels["joints_world_mm"]).reshape(-1, NUM_JOINTS, 3).astype(np.float64)
     valid = to_numpy(labels["valid"]).reshape(-1, NUM_JOINTS).astype(bool)
     rates = to_numpy(labels["occlusion_rate"]).astype(float)

@@ -56,7 +56,7 @@ def first_key_of(source: Mapping[str, Any], joints: JointAnnotations) -> int:
 def label_rows(
     sequence_id: str, joints: JointAnnotations, first_key: int, step: int, name: str
 ) -> list[dict[str, Any]]:
-    """Return a row of `catalog.HAND_LABELS` for each hand of which any joint is annotated.
+    """Return a row of `training_tables.HAND_LABELS` for each hand of which any joint is annotated.
 
     Args:
         sequence_id: The recording.

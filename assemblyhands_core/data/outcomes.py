@@ -1,4 +1,4 @@
-"""How well each point of a triangulation came out, as the outcome columns of ``data/catalog.py``."""
+"""How well each point of a triangulation came out, as the outcome columns of ``data/columns.py``."""
 
 import numpy as np
 from jaxtyping import Shaped

@@ -7,16 +7,14 @@ from typing import Final
 
 import pyarrow as pa
 
+from assemblyhands_core.data.columns import FRAME, SEQUENCE, TEXT
 from assemblyhands_core.data.tables import TableSpec
-
-_TEXT, _FRAME = pa.string(), pa.int64()
-_SEQUENCE: Final = [("sequence_id", _TEXT)]
 
 TAKES: Final = TableSpec(
     "takes",
     2,
     ("sequence_id",),
-    pa.schema([*_SEQUENCE, ("rig", _TEXT), ("duration_s", pa.float64()), ("rate_hz", pa.int32())]),
+    pa.schema([*SEQUENCE, ("rig", TEXT), ("duration_s", pa.float64()), ("rate_hz", pa.int32())]),
 )
 """What is to be recorded; the sequence's name says who, with which toy and on which day."""
 
@@ -24,7 +22,7 @@ CROP_ORDERS: Final = TableSpec(
     "crop_orders",
     1,
     ("sequence_id",),
-    pa.schema([*_SEQUENCE, ("split", _TEXT), ("rig", _TEXT), ("duration_s", pa.float64())]),
+    pa.schema([*SEQUENCE, ("split", TEXT), ("rig", TEXT), ("duration_s", pa.float64())]),
 )
 """A set of takes of which crops are to be drawn: its split says of whom, its duration how many."""
 
@@ -34,10 +32,10 @@ ACTIONS: Final = TableSpec(
     ("sequence_id", "start_s", "verb", "hand"),
     pa.schema(
         [
-            *_SEQUENCE,
-            ("verb", _TEXT),
-            ("noun", _TEXT),
-            ("hand", _TEXT),
+            *SEQUENCE,
+            ("verb", TEXT),
+            ("noun", TEXT),
+            ("hand", TEXT),
             ("start_s", pa.float64()),
             ("end_s", pa.float64()),
         ]
@@ -49,12 +47,12 @@ FOOTAGE: Final = TableSpec(
     ("sequence_id", "camera_id", "first_frame"),
     pa.schema(
         [
-            *_SEQUENCE,
-            ("camera_id", _TEXT),
-            ("first_frame", _FRAME),
+            *SEQUENCE,
+            ("camera_id", TEXT),
+            ("first_frame", FRAME),
             ("num_frames", pa.int32()),
-            ("video_file", _TEXT),
-            ("sha256", _TEXT),
+            ("video_file", TEXT),
+            ("sha256", TEXT),
         ]
     ),
 )
@@ -62,6 +60,6 @@ DELIVERED: Final = TableSpec(
     "delivered",
     1,
     ("sequence_id", "path"),
-    pa.schema([*_SEQUENCE, ("path", _TEXT), ("content_file", _TEXT), ("sha256", _TEXT)]),
+    pa.schema([*SEQUENCE, ("path", TEXT), ("content_file", TEXT), ("sha256", TEXT)]),
 )
 """The files of a recording: where each belongs below the data set's folder, and its content."""

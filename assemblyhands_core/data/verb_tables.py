@@ -4,12 +4,13 @@ from typing import Final
 
 import pyarrow as pa
 
+from assemblyhands_core.data.columns import FLAG, SEQUENCE, TEXT, each
 from assemblyhands_core.data.fine_grained import VERBS
 from assemblyhands_core.data.tables import TableSpec
 from assemblyhands_core.hands.joints import HANDS, NUM_BOTH
 
-_TEXT, _FLAGS = pa.string(), pa.list_(pa.bool_(), len(HANDS))
-_SEGMENT: Final = [("sequence_id", _TEXT), ("segment", pa.int32())]
+_FLAGS: Final = each(FLAG, len(HANDS))
+_SEGMENT: Final = [*SEQUENCE, ("segment", pa.int32())]
 
 VERB_CLIPS: Final = TableSpec(
     "verb_clips",
@@ -19,13 +20,13 @@ VERB_CLIPS: Final = TableSpec(
         [
             *_SEGMENT,
             ("instant", pa.int32()),  # from 0; a clip has one at least
-            ("verb", _TEXT),
-            ("noun", _TEXT),
+            ("verb", TEXT),
+            ("noun", TEXT),
             ("first_key", pa.int64()),  # 60 Hz frames of the segment, without the context that the clip has
             ("last_key", pa.int64()),
             ("rate_hz", pa.int32()),  # of the clip's instants
-            ("graph", _TEXT),  # what its nodes are
-            ("nodes_mm", pa.list_(pa.float32(), NUM_BOTH * 3)),  # hand × node × xyz, NaN for a hand that is never seen
+            ("graph", TEXT),  # what its nodes are
+            ("nodes_mm", each(pa.float32(), NUM_BOTH * 3)),  # hand × node × xyz, NaN for a hand that is never seen
             ("observed", _FLAGS),  # of each hand: measured there
             ("is_interpolated", _FLAGS),  # put between instants at which it was
         ]
@@ -35,7 +36,7 @@ VERB_PROBLEMS: Final = TableSpec(
     "verb_problems",
     1,
     ("sequence_id", "reason", "sentence"),
-    pa.schema([("sequence_id", _TEXT), ("reason", _TEXT), ("count", pa.int64()), ("sentence", _TEXT)]),
+    pa.schema([*SEQUENCE, ("reason", TEXT), ("count", pa.int64()), ("sentence", TEXT)]),
 )
 """Why segments were left out (by reason, with a count and no sentence), and each odd one (with its sentence)."""
 
@@ -46,10 +47,10 @@ VERB_PREDICTIONS: Final = TableSpec(
     pa.schema(
         [
             *_SEGMENT,
-            ("verb", _TEXT),
-            ("predicted", _TEXT),  # empty where no pose was seen
+            ("verb", TEXT),
+            ("predicted", TEXT),  # empty where no pose was seen
             ("confidence", pa.float32()),
-            ("probability", pa.list_(pa.float32(), len(VERBS))),  # of Assembly101's verbs; 0 of what is no class
+            ("probability", each(pa.float32(), len(VERBS))),  # of Assembly101's verbs; 0 of what is no class
             ("first_key", pa.int64()),
             ("pose_error_mm", pa.float32()),  # mean of its nodes, wrists at the origin; NaN where nobody knows
             ("coverage", pa.float32()),  # instants and hands of its clip that were observed, in percent

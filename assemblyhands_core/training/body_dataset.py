@@ -50,7 +50,7 @@ class BodyViews:
 
     @staticmethod
     def of(labels: pa.Table, augmentation: BodyAugmentation, seed: int) -> "BodyViews":
-        """Take the rows of a `catalog.BODY_LABELS` table."""
+        """Take the rows of a `training_tables.BODY_LABELS` table."""
         pixels = to_numpy(labels["body_px"]).reshape(-1, NUM_BODY_KEYPOINTS, 2).astype(np.float64)
         is_valid = to_numpy(labels["valid"]).reshape(-1, NUM_BODY_KEYPOINTS).astype(bool)
         return BodyViews(tuple(labels["image"].to_pylist()), pixels, is_valid, augmentation, seed)

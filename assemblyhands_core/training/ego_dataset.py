@@ -71,7 +71,7 @@ class EgoCrops:
 
     @staticmethod
     def of(crops: pa.Table, augmentation: EgoAugmentation, size_px: int, seed: int) -> "EgoCrops":
-        """Take the rows of a `catalog.EGO_CROPS` table that are valid and know the wrist of their hand.
+        """Take the rows of a `ego_tables.EGO_CROPS` table that are valid and know the wrist of their hand.
 
         Joints of a hand whose wrist is unknown have no depth relative to it: they do not count.
         """

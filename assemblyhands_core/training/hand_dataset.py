@@ -148,7 +148,7 @@ class HandCrops:
     def of(
         stored: Mapping[HandKey, StoredHand], labels: pa.Table, augmentation: Augmentation, size_px: int, seed: int
     ) -> "HandCrops":
-        """Match crops (`hand_crops.stored_hands`) and the rows of a `catalog.HAND_LABELS` table.
+        """Match crops (`hand_crops.stored_hands`) and the rows of a `training_tables.HAND_LABELS` table.
 
         Hands with fewer than two views, or whose root is unknown, are left out, like views that no box can be drawn in.
         """

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from error_tables import errors_table
 
-from assemblyhands_core.data.catalog import EVALUATION
+from assemblyhands_core.data.evaluation_tables import EVALUATION
 from assemblyhands_core.hands.joints import NUM_JOINTS
 from assemblyhands_core.metrics.annotation import Cell, Resampling, evaluate_annotation, evaluate_overall
 

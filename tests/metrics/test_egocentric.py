@@ -3,7 +3,7 @@ import pyarrow as pa
 import pytest
 from error_tables import ego_errors_table
 
-from assemblyhands_core.data.catalog import EGO_ERRORS, EVALUATION
+from assemblyhands_core.data.evaluation_tables import EGO_ERRORS, EVALUATION
 from assemblyhands_core.metrics.annotation import Cell, Resampling
 from assemblyhands_core.metrics.egocentric import evaluate_egocentric
 

@@ -6,7 +6,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from assemblyhands_core.data.catalog import EVALUATION
+from assemblyhands_core.data.evaluation_tables import EVALUATION
 from assemblyhands_core.metrics.annotation import Cell
 from assemblyhands_core.metrics.verb_rows import align_sources
 from assemblyhands_core.metrics.verbs import VerbEvaluation, calibration_error_percent, evaluate_verbs

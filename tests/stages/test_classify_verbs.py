@@ -8,10 +8,10 @@ import pytest
 import torch
 from verb_clips import NUM_INSTANTS, VERBS, clip_table, moving_clip, moving_table, unseen_clip
 
-from assemblyhands_core.data.catalog import WEIGHTS
 from assemblyhands_core.data.fine_grained import VERBS as ALL_VERBS
 from assemblyhands_core.data.pose_clips import PoseClip
 from assemblyhands_core.data.pose_sequences import PoseSequenceConfig
+from assemblyhands_core.data.training_tables import WEIGHTS
 from assemblyhands_core.data.verb_tables import VERB_CLIPS
 from assemblyhands_core.models.msg3d import MSG3D, MSG3DConfig
 from assemblyhands_core.models.pretrained import save_weights

@@ -8,8 +8,9 @@ import pytest
 import yaml
 
 from assemblyhands_core.data.camera_rows import camera_from_row
-from assemblyhands_core.data.catalog import CHUNKS, EGO_CROPS
+from assemblyhands_core.data.catalog import CHUNKS
 from assemblyhands_core.data.crop_images import decode_image
+from assemblyhands_core.data.ego_tables import EGO_CROPS
 from assemblyhands_core.data.studio_tables import CROP_ORDERS
 from assemblyhands_core.hands.joints import HANDS, NUM_JOINTS, WRIST
 from assemblyhands_core.synthetic.crop_draws import draw_training_take, training_subject

@@ -11,7 +11,8 @@ import pytest
 from ego_crops import CAMERA, ego_crops, hands
 
 from assemblyhands_core.data.camera_rows import camera_to_row
-from assemblyhands_core.data.catalog import EGO_CROPS, EGO_HANDS, VIEWS
+from assemblyhands_core.data.catalog import VIEWS
+from assemblyhands_core.data.ego_tables import EGO_CROPS, EGO_HANDS
 from assemblyhands_core.data.video import VideoWriter
 from assemblyhands_core.geometry.cameras import Camera
 from assemblyhands_core.geometry.distortion import Pinhole

@@ -9,7 +9,9 @@ import pytest
 from ego_crops import ego_crops, hands
 
 from assemblyhands_core.data.arrays import to_numpy
-from assemblyhands_core.data.catalog import EGO_CROPS, EGO_ERRORS, EGO_HANDS, MEMBERS
+from assemblyhands_core.data.catalog import MEMBERS
+from assemblyhands_core.data.ego_tables import EGO_CROPS, EGO_HANDS
+from assemblyhands_core.data.evaluation_tables import EGO_ERRORS
 from assemblyhands_core.hands.joints import HANDS, WRIST
 from stages._contract import Context, StageConfig
 from stages.evaluate_ego import STAGE

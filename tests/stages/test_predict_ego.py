@@ -9,7 +9,8 @@ import pytest
 import torch
 from ego_crops import CAMERA, ego_crops
 
-from assemblyhands_core.data.catalog import EGO_CROPS, WEIGHTS
+from assemblyhands_core.data.ego_tables import EGO_CROPS
+from assemblyhands_core.data.training_tables import WEIGHTS
 from assemblyhands_core.hands.joints import HANDS, WRIST
 from assemblyhands_core.hands.kinematics import HandSkeleton, bone_lengths_mm
 from assemblyhands_core.models.pretrained import save_weights

@@ -9,9 +9,10 @@ import yaml
 
 from assemblyhands_core.data.arrays import to_numpy
 from assemblyhands_core.data.camera_rows import camera_from_row
-from assemblyhands_core.data.catalog import CHUNKS, WEIGHTS
+from assemblyhands_core.data.catalog import CHUNKS
 from assemblyhands_core.data.crop_images import decode_image
 from assemblyhands_core.data.studio_tables import CROP_ORDERS
+from assemblyhands_core.data.training_tables import WEIGHTS
 from assemblyhands_core.hands.joints import HANDS
 from assemblyhands_core.infer import SHIPPED, HandPredictor
 from stages import draw_ego_crops, evaluate_ego, predict_ego

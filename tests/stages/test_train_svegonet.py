@@ -9,7 +9,8 @@ import pytest
 import yaml
 from ego_crops import ego_crops
 
-from assemblyhands_core.data.catalog import EGO_CROPS, MEMBERS
+from assemblyhands_core.data.catalog import MEMBERS
+from assemblyhands_core.data.ego_tables import EGO_CROPS
 from assemblyhands_core.models.pretrained import load_svegonet
 from stages._contract import Context, Stage, Tables
 from stages.train_svegonet import ON_AUTOMATIC, ON_MANUAL, STAGE, TrainSvegonetConfig

@@ -11,7 +11,7 @@ import yaml
 from ego_crops import ego_crops
 
 from assemblyhands_core.data.camera_rows import camera_to_row
-from assemblyhands_core.data.catalog import EGO_CROPS
+from assemblyhands_core.data.ego_tables import EGO_CROPS
 from assemblyhands_core.detectors.base import HandDetection
 from assemblyhands_core.geometry.cameras import Camera
 from assemblyhands_core.geometry.distortion import Pinhole
