@@ -18,6 +18,7 @@ from pipeline import summary
 from pipeline.comparison import compare_runs
 from pipeline.config import RunConfig, UserError
 from pipeline.correcting import import_corrections
+from pipeline.disk_space import check_space, space_sentence
 from pipeline.ego_evaluation import print_egocentric
 from pipeline.evaluation import kinds_of_sequences, print_evaluation
 from pipeline.executors import open_executor, resolve_workers
@@ -87,6 +88,8 @@ def _plan(config: RunConfig, console: Console) -> int:
     works = _works(config, "plan")
     rows = make_plan(works, Store(config.workspace), History(config.workspace), is_only_told=True)
     summary.print_plan(console, rows, total_seconds(rows, resolve_workers(config.executor)[0]))
+    if any(row.num_bytes for row in rows):
+        say(console, space_sentence(config.workspace, rows))
     return 0
 
 
@@ -129,6 +132,8 @@ def _run_until_whole(config: RunConfig, run: str, console: Console) -> list[Resu
         works = _works(config, run)
         rows = make_plan(works, Store(config.workspace), History(config.workspace))
         if any(row.num_to_run != 0 for row in rows):
+            if config.check_space:
+                check_space(config.workspace, rows)
             _execute(config, works, console)
         if not any(result.is_repairable for result in results(works)):
             break

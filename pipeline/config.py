@@ -89,6 +89,7 @@ class RunConfig(_Model):
     corrections: Path | None = None
     corrected: Path | None = None
     run: str
+    check_space: bool = True
     other: str = ""
     ego_network: Literal["shipped", "trained"] = "shipped"
     rounds: int = Field(ge=0, le=9)

@@ -2,13 +2,17 @@
 
 import json
 from collections.abc import Mapping
+from contextlib import suppress
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from assemblyhands_core.data.store import Record, Store
 from pipeline.graph import Node
 from pipeline.tasks import Shard
+
+_NUM_WEIGHED: Final = 20
+"""Shards that tell how much room one takes."""
 
 
 class History:
@@ -38,10 +42,32 @@ class History:
                 return float(sum(entry["seconds"] for entry in shards.values()) / len(shards))
         return None
 
+    def mean_bytes(self, node: Node, store: Store) -> float | None:
+        """Return the mean room that a shard of this node takes in the store, from the newest run that has it."""
+        for run in self.runs:
+            keys = [entry["key"] for entry in self._shards(run, node.name).values()][:_NUM_WEIGHED]
+            if sizes := [size for key in keys if (size := _size(store.entry(node.stage.name, key)))]:
+                return sum(sizes) / len(sizes)
+        return None
+
+    def mean_shards(self, node: Node) -> float:
+        """Return how many shards of this node a sequence has on average in the newest run that has it, or 0."""
+        for run in self.runs:
+            if shards := self._shards(run, node.name):
+                return len(shards) / len({name.rpartition(".")[0] or name for name in shards})
+        return 0.0
+
     def _shards(self, run: Path, node: str) -> Mapping[str, Any]:
         if (run, node) not in self._manifests:
             self._manifests[run, node] = _read(run / node / "manifest.json").get("shards", {})
         return self._manifests[run, node]
+
+
+def _size(entry: Path) -> int:
+    """Return how many bytes an entry's files have; 0 if it is gone."""
+    with suppress(OSError):
+        return sum(path.stat().st_size for path in entry.iterdir())
+    return 0
 
 
 def _read(path: Path) -> dict[str, Any]:

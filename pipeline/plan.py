@@ -20,6 +20,7 @@ class PlannedNode:
         num_reused, num_to_run: shards; ``num_to_run`` is None while it is not known how many there are.
         reason: why shards run, in a few words.
         seconds: estimate of the work in one process, from earlier runs of the stage; None without any.
+        num_bytes: estimate of the room that it will take, likewise.
     """
 
     sequence_id: str
@@ -28,6 +29,7 @@ class PlannedNode:
     num_to_run: int | None
     reason: str
     seconds: float | None
+    num_bytes: float | None = None
 
 
 def make_plan(
@@ -54,7 +56,8 @@ def _plan_node(work: SequenceWork, node: Node, store: Store, history: History, i
     name = work.recording.sequence_id
     if node not in list(work.known_nodes()):
         cutting = node.chunk_edge.partition(".")[0] or "the sequences are cut"
-        return PlannedNode(name, node.name, 0, None, f"shards are known after {cutting}", None)
+        room = (history.mean_bytes(node, store) or 0.0) * history.mean_shards(node)
+        return PlannedNode(name, node.name, 0, None, f"shards are known after {cutting}", None, room)
     to_run: list[Task] = []
     for task in work.tasks(node):
         if not _settle(work, task, store):
@@ -63,7 +66,9 @@ def _plan_node(work: SequenceWork, node: Node, store: Store, history: History, i
     reason = _why(work, to_run, store, history)
     if is_only_told and node.stage.is_quick:
         _foresee(work, to_run, store)
-    return PlannedNode(name, node.name, num_reused, len(to_run), reason, _estimate(node, len(to_run), history))
+    means = history.mean_seconds(node), history.mean_bytes(node, store) if to_run else 0.0
+    estimates = [None if mean is None else mean * len(to_run) for mean in means]
+    return PlannedNode(name, node.name, num_reused, len(to_run), reason, *estimates)
 
 
 def _settle(work: SequenceWork, task: Task, store: Store) -> bool:
@@ -133,12 +138,12 @@ def _short(value: Any) -> str:
     return text if len(text) <= 24 else f"{text[:12]}…"
 
 
-def _estimate(node: Node, num_shards: int, history: History) -> float | None:
-    seconds = history.mean_seconds(node)
-    return None if seconds is None else seconds * num_shards
-
-
 def total_seconds(rows: Sequence[PlannedNode], num_workers: int) -> float | None:
     """Return the estimated wall time of a plan, or None if a node that runs has no earlier timing."""
     estimates = [row.seconds for row in rows if row.num_to_run != 0]
     return None if None in estimates else sum(s for s in estimates if s is not None) / num_workers
+
+
+def total_bytes(rows: Sequence[PlannedNode]) -> float:
+    """Return the estimated room that a plan will take, as far as earlier runs tell."""
+    return sum(row.num_bytes or 0.0 for row in rows)

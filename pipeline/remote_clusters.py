@@ -26,11 +26,8 @@ def remote_workers(config: RemoteConfig, workspace: Path) -> Iterator[RemoteWork
     Raises:
         UserError: the scheduler cannot be reached, a package is missing, or no worker comes.
     """
-    import dask
-
-    quiet = {"distributed.logging.distributed": "critical"}  # a lost worker is our own sentence, not their tracebacks
-    with dask.config.set(quiet), _client(config, workspace) as client:
-        logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    with _client(config, workspace) as client:
+        logging.getLogger("distributed").setLevel(logging.CRITICAL)  # a lost worker is our own sentence
         workers = RemoteWorkers(client, client.scheduler.address, config.num_workers_at_most, config.wait_s)
         workers.wait()
         yield workers

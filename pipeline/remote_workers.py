@@ -11,6 +11,9 @@ from pipeline.workers import Place
 GPU: Final = "GPU"
 """What a worker offers that sees one: ``dask worker … --resources GPU=1``."""
 
+NO_DASHBOARD: Final[dict[str, Any]] = {"dashboard": False, "dashboard_address": "127.0.0.1:0"}
+"""Of a scheduler or worker; without the address it would answer questions about its health to everybody."""
+
 _LOOK_S: Final = 1.0
 
 

@@ -10,7 +10,7 @@ from typing import Any
 
 from pipeline.config import UserError
 from pipeline.executor_config import SlurmConfig
-from pipeline.remote_workers import GPU
+from pipeline.remote_workers import GPU, NO_DASHBOARD
 from pipeline.run_credentials import run_credentials, tls_settings
 
 
@@ -38,7 +38,7 @@ def slurm_cluster(config: SlurmConfig, workspace: Path) -> Iterator[Any]:
             security=Security(require_encryption=True),
             shared_temp_directory=str(folder),
             log_directory=str(logs),
-            scheduler_options={"dashboard": False, "dashboard_address": "127.0.0.1:0"},
+            scheduler_options=NO_DASHBOARD,
             silence_logs=logging.CRITICAL,
         )
         try:
@@ -53,6 +53,7 @@ def job_options(config: SlurmConfig) -> dict[str, Any]:
     """Return what a job is, in the words of dask-jobqueue."""
     gpu_directives = [f"--gres=gpu:{config.gpus}"] if config.gpus else []
     gpu_offer = ["--resources", f"{GPU}=1"] if config.gpus else []
+    unseen = ["--no-dashboard", "--dashboard-address", NO_DASHBOARD["dashboard_address"]]
     lifetime = ["--lifetime", config.lifetime, "--lifetime-stagger", config.lifetime_stagger]
     return {
         "queue": config.queue,
@@ -66,5 +67,5 @@ def job_options(config: SlurmConfig) -> dict[str, Any]:
         "job_name": "assemblyhands",
         "job_extra_directives": [*gpu_directives, *config.job_extra_directives],
         "job_script_prologue": list(config.job_script_prologue),
-        "worker_extra_args": ["--nthreads", "1", *lifetime, *gpu_offer],
+        "worker_extra_args": ["--nthreads", "1", *unseen, *lifetime, *gpu_offer],
     }

@@ -1,5 +1,6 @@
 """Workers on machines that are reached by ssh."""
 
+import logging
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -7,6 +8,7 @@ from typing import Any
 
 from pipeline.config import UserError
 from pipeline.executor_config import SshConfig
+from pipeline.remote_workers import NO_DASHBOARD
 from pipeline.run_credentials import run_credentials, tls_settings
 
 
@@ -25,6 +27,7 @@ def ssh_cluster(config: SshConfig, workspace: Path) -> Iterator[Any]:
         import asyncssh
     except ImportError as error:
         raise UserError("executor=ssh needs a package: pip install '.[cluster]'") from error
+    logging.getLogger("distributed.deploy.ssh").setLevel(logging.WARNING)
     # What ssh starts takes over this process's settings of Dask, and finds the certificate by them.
     with run_credentials(workspace) as folder, dask.config.set(tls_settings(folder)):
         try:
@@ -35,8 +38,9 @@ def ssh_cluster(config: SshConfig, workspace: Path) -> Iterator[Any]:
                     "nthreads": 1,
                     "n_workers": config.num_workers,
                     "memory_limit": config.memory_limit,
+                    **NO_DASHBOARD,
                 },
-                scheduler_options={"protocol": "tls://", "port": 0, "dashboard": False},
+                scheduler_options={"protocol": "tls://", "port": 0, **NO_DASHBOARD},
                 remote_python=config.remote_python,
                 security=Security(require_encryption=True),
             )
