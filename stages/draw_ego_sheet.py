@@ -78,12 +78,11 @@ def _row(
         np.reshape(hand["joints_px"], (NUM_JOINTS, 2)),
         np.reshape(hand["joints_world_mm"], (NUM_JOINTS, 3)),
     )
-    name = f"{crop['camera_id']}  frame {crop['frame']}  {crop['hand']}"
-    drawn = [(_drawn(picture, (px + 0.5) * scale - 0.5, crop["hand"]), name) for px in (label_px, seen_px)]
-    captions = [f"{column}: {caption}" for column, (_, caption) in zip(_COLUMNS, drawn, strict=False)]
+    name = f"{crop['camera_id']}  frame {crop['frame']}"
+    tiles = [_drawn(picture, (px + 0.5) * scale - 0.5, crop["hand"]) for px in (label_px, seen_px)]
+    captions = [f"{column}, {crop['hand']} hand\n{name}" for column in _COLUMNS[:2]]
     side, side_name = _from_the_side(config, camera_from_row(crop), world, crop, views, context)
-    tiles = [tile for tile, _ in drawn]
-    return [*zip(tiles, captions, strict=True), (side, f"{_COLUMNS[2]} {side_name}")]
+    return [*zip(tiles, captions, strict=True), (side, f"{_COLUMNS[2]}\n{side_name}")]
 
 
 def _from_the_side(
@@ -126,7 +125,7 @@ def _enlarged(picture: Image, size_px: int) -> tuple[Image, float]:
 
 STAGE = Stage(
     name="draw_ego_sheet",
-    version=1,
+    version=2,
     config=DrawEgoSheetConfig,
     inputs={"views": VIEWS, "crops": EGO_CROPS, "hands": EGO_HANDS},
     outputs={"overlays": OVERLAYS},

@@ -4,7 +4,7 @@ The colours are those of Okabe and Ito, which people with any colour vision can 
 form too: right bones are solid with round joints, left bones dashed with square joints. Nothing here is random.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Final
 
 import cv2
@@ -114,7 +114,7 @@ def contact_sheet(tiles: Sequence[Tile], columns: int, captions: Sequence[str]) 
     Args:
         tiles: pictures; each is fitted into the size of the largest, keeping its shape.
         columns: how many stand in a row.
-        captions: one per tile; cut off where it does not fit.
+        captions: one per tile, of one line or several; a line is cut off where it does not fit.
 
     Returns:
         The rows of captions and tiles; places without a tile are black.
@@ -129,8 +129,9 @@ def contact_sheet(tiles: Sequence[Tile], columns: int, captions: Sequence[str]) 
         )
     height, width = max(tile.shape[0] for tile in tiles), max(tile.shape[1] for tile in tiles)
     caption_px = max(_MIN_CAPTION_PX, round(_CAPTION_SHARE * min(height, width)))
+    num_lines = max(text.count("\n") + 1 for text in captions)
     cells = [
-        np.concatenate([_caption(text, width, caption_px), _fitted(tile, height, width)])
+        np.concatenate([*_caption(text, num_lines, width, caption_px), _fitted(tile, height, width)])
         for tile, text in zip(tiles, captions, strict=True)
     ]
     cells += [np.zeros_like(cells[0])] * (-len(cells) % columns)
@@ -182,7 +183,14 @@ def _fitted(tile: Tile, height: int, width: int) -> UInt8[np.ndarray, "{height} 
     return cell
 
 
-def _caption(text: str, width: int, height: int) -> UInt8[np.ndarray, "{height} {width} 3"]:
+def _caption(text: str, num_lines: int, width: int, height: int) -> Iterator[UInt8[np.ndarray, "{height} {width} 3"]]:
+    """Yield a strip for each line of a caption, and black ones until there are so many."""
+    lines = text.split("\n")
+    for line in [*lines, *[""] * (num_lines - len(lines))]:
+        yield _strip(line, width, height)
+
+
+def _strip(text: str, width: int, height: int) -> UInt8[np.ndarray, "{height} {width} 3"]:
     """Return a black strip with white text, made smaller down to half its size before it is cut off."""
     strip = np.zeros((height, width, 3), dtype=np.uint8)
     font = cv2.FONT_HERSHEY_SIMPLEX

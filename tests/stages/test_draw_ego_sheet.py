@@ -17,6 +17,7 @@ from assemblyhands_core.data.video import VideoWriter
 from assemblyhands_core.geometry.cameras import Camera
 from assemblyhands_core.geometry.distortion import Pinhole
 from assemblyhands_core.hands.joints import HANDS
+from assemblyhands_core.viz.overlays import contact_sheet
 from stages._contract import Context
 from stages.draw_ego_sheet import STAGE, DrawEgoSheetConfig
 
@@ -98,6 +99,31 @@ def test_label_and_prediction_stand_side_by_side_and_the_side_view_shows_the_han
     moved = _sheet(views, _predicted(ego_crops(6), shift_px=6.0), tmp_path)
     first = moved[height - CONFIG.tile_px : height]
     assert not np.array_equal(first[:, :width], first[:, width : 2 * width])
+
+
+def test_captions_of_a_real_headset_fit_their_tiles(
+    views: pa.Table, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    captions: list[str] = []
+
+    def remember(tiles: list[np.ndarray], columns: int, texts: list[str]) -> np.ndarray:
+        captions.extend(texts)
+        return contact_sheet(tiles, columns, texts)
+
+    monkeypatch.setattr("stages.draw_ego_sheet.contact_sheet", remember)
+    config = CONFIG.model_copy(update={"tile_px": 320})
+    crops, found = (
+        spec.from_rows([{**row, "camera_id": "HMC_21179183_mono10bit"} for row in table.to_pylist()])
+        for spec, table in ((EGO_CROPS, ego_crops(6)), (EGO_HANDS, _predicted(ego_crops(6))))
+    )
+    STAGE.run(config, {"views": views, "crops": crops, "hands": found}, Context(tmp_path, "s"))
+    first = ["label, right hand", "predicted, right hand", "predicted, seen from"]
+    assert sorted(caption.split("\n")[0] for caption in captions[:3]) == sorted(first)
+    assert captions[2].split("\n")[1] == "side"
+    blank = np.zeros((320, 320, 3), np.uint8)
+    for line in (f"{line}5" for caption in captions for line in caption.split("\n")):  # a frame of one digit more
+        whole, shorter = (contact_sheet([blank], 1, [text]) for text in (line, line[:-1]))
+        assert not np.array_equal(whole, shorter), f"{line} is cut off"
 
 
 def test_without_predictions_there_is_no_sheet(views: pa.Table, tmp_path: Path) -> None:

@@ -126,6 +126,14 @@ def test_a_long_caption_stays_on_its_own_tile() -> None:
     assert sheet[:16, :60].max() > 100 and (sheet[:16, 60:] == 0).all()
 
 
+def test_captions_may_have_lines_and_all_tiles_get_the_room() -> None:
+    tiles = [np.full((40, 60, 3), 50, dtype=np.uint8)] * 2
+    sheet = contact_sheet(tiles, columns=2, captions=["a\nb", "a"])
+    assert sheet.shape == (72, 120, 3)  # two lines of 16 px
+    assert np.array_equal(sheet[:16, :60], sheet[:16, 60:]) and sheet[16:32, :60].max() > 200
+    assert (sheet[16:32, 60:] == 0).all() and (sheet[32:] == 50).all()
+
+
 @pytest.mark.parametrize(("tiles", "columns", "captions"), [(0, 2, 0), (1, 0, 1), (2, 1, 1)])
 def test_a_sheet_that_cannot_be_made_is_refused(tiles: int, columns: int, captions: int) -> None:
     with pytest.raises(ValueError, match=f"{tiles} tiles, {captions} captions and {columns} columns"):
