@@ -14,6 +14,9 @@ from assemblyhands_core.synthetic.compiled import compiled
 from assemblyhands_core.synthetic.lens_rays import LensRays
 from assemblyhands_core.synthetic.surfaces import MISS, Hits, Surfaces
 
+Vector = tuple[float, float, float]
+Corners = tuple[int, int, int]  # rows of vertices
+Plane = tuple[Vector, Vector, Vector, Vector]  # see `_plane`
 _BOW = 0.15  # how far the image of an edge may bow, as a share of length² / focal: 0.08 in an equidistant fisheye
 _MARGIN_PX = 0.02
 _WIDE_PX = 6  # faces whose columns are worked out for each row
@@ -103,35 +106,15 @@ def _meet(
     distances: Float32[np.ndarray, "height width"],
     seen: Int32[np.ndarray, "height width"],
 ) -> tuple[int, int]:
-    """Keep the nearest face of every pixel; return the rows between which there are any.
-
-    A ray d from the camera's centre meets the face a b c inside if d·(b×c), d·(c×a) and d·(a×b) have the sign of
-    det(a b c), negative for a face seen from outside. These are equal, up to the sign, for both faces at an edge, so
-    no ray slips through between them. The distance is det(a b c) / d·n with the normal n = (b-a)×(c-a).
-    """
+    """Keep the nearest face of every pixel; return the rows between which there are any."""
     height, width = distances.shape
     first_row, last_row = height, -1
     for face in range(len(faces)):
-        p, q, r = faces[face, 0], faces[face, 1], faces[face, 2]
-        ax, ay, az = vertices[p, 0], vertices[p, 1], vertices[p, 2]
-        bx, by, bz = vertices[q, 0], vertices[q, 1], vertices[q, 2]
-        cx, cy, cz = vertices[r, 0], vertices[r, 1], vertices[r, 2]
-        ux, uy, uz = by * cz - bz * cy, bz * cx - bx * cz, bx * cy - by * cx
-        volume = ax * ux + ay * uy + az * uz
+        corners = (faces[face, 0], faces[face, 1], faces[face, 2])
+        volume = _volume(vertices, corners)
         if not volume < 0:
             continue
-        left, top, right, bottom, missing = np.inf, np.inf, -np.inf, -np.inf, 0
-        for corner in range(3):
-            x, y = images[faces[face, corner], 0], images[faces[face, corner], 1]
-            if np.isnan(x):  # out of the field: in that direction from the middle, but outside the picture
-                missing += 1
-                x, y = vertices[faces[face, corner], 0], vertices[faces[face, corner], 1]
-                length = max(np.sqrt(x * x + y * y), 1e-9)
-                for radius in (0.5 * min(width, height), 2.0 * max(width, height)):
-                    u, v = 0.5 * width + radius * x / length, 0.5 * height + radius * y / length
-                    left, right, top, bottom = min(left, u), max(right, u), min(top, v), max(bottom, v)
-            else:
-                left, right, top, bottom = min(left, x), max(right, x), min(top, y), max(bottom, y)
+        left, top, right, bottom, missing = _image_box(vertices, images, corners, width, height)
         if missing == 3:
             continue
         wide, high = min(right - left, 1.0 * width), min(bottom - top, 1.0 * height)
@@ -141,36 +124,92 @@ def _meet(
         if x1 < x0 or y1 < y0:
             continue
         first_row, last_row = min(first_row, y0), max(last_row, y1)
-        vx, vy, vz = cy * az - cz * ay, cz * ax - cx * az, cx * ay - cy * ax
-        wx, wy, wz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
-        nx = (by - ay) * (cz - az) - (bz - az) * (cy - ay)
-        ny = (bz - az) * (cx - ax) - (bx - ax) * (cz - az)
-        nz = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
+        plane = _plane(vertices, corners)
         is_wide = x1 - x0 >= _WIDE_PX and not missing
         for y in range(y0, y1 + 1):
-            start, end = x0, x1
-            if is_wide:
-                left, right = _row_range(images, p, q, r, y, margin)
-                start, end = max(x0, int(np.ceil(left))), min(x1, int(right))
+            start, end = _row_range(images, corners, y, margin, x0, x1) if is_wide else (x0, x1)
             for x in range(start, end + 1):
-                dx, dy, dz = rays[y, x, 0], rays[y, x, 1], rays[y, x, 2]
-                if dx * ux + dy * uy + dz * uz > 0 or dx * vx + dy * vy + dz * vz > 0:
-                    continue
-                slope = dx * nx + dy * ny + dz * nz
-                if dx * wx + dy * wy + dz * wz <= 0 and slope < 0 and volume / slope < distances[y, x]:
-                    distances[y, x] = volume / slope
+                distance = _distance(rays[y, x, 0], rays[y, x, 1], rays[y, x, 2], plane, volume)
+                if distance < distances[y, x]:
+                    distances[y, x] = distance
                     seen[y, x] = face
     return first_row, last_row + 1
 
 
 @compiled
+def _volume(vertices: Float64[np.ndarray, "vertex 3"], corners: Corners) -> float:
+    """Return det(a b c), negative for a face a b c seen from outside."""
+    p, q, r = corners
+    u = _cross(vertices[q, 0], vertices[q, 1], vertices[q, 2], vertices[r, 0], vertices[r, 1], vertices[r, 2])
+    return vertices[p, 0] * u[0] + vertices[p, 1] * u[1] + vertices[p, 2] * u[2]
+
+
+@compiled
+def _plane(vertices: Float64[np.ndarray, "vertex 3"], corners: Corners) -> Plane:
+    """Return b×c, c×a, a×b and the normal (b-a)×(c-a) of a face a b c."""
+    p, q, r = corners
+    ax, ay, az = vertices[p, 0], vertices[p, 1], vertices[p, 2]
+    bx, by, bz = vertices[q, 0], vertices[q, 1], vertices[q, 2]
+    cx, cy, cz = vertices[r, 0], vertices[r, 1], vertices[r, 2]
+    u, v, w = _cross(bx, by, bz, cx, cy, cz), _cross(cx, cy, cz, ax, ay, az), _cross(ax, ay, az, bx, by, bz)
+    return u, v, w, _cross(bx - ax, by - ay, bz - az, cx - ax, cy - ay, cz - az)
+
+
+@compiled
+def _cross(ax: float, ay: float, az: float, bx: float, by: float, bz: float) -> Vector:
+    return ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+
+
+@compiled
+def _distance(dx: float, dy: float, dz: float, plane: Plane, volume: float) -> float:
+    """Return how far along a ray it meets a face from outside, infinity where it does not.
+
+    A ray d from the camera's centre meets the face a b c inside if d·(b×c), d·(c×a) and d·(a×b) have the sign of
+    det(a b c). These are equal, up to the sign, for both faces at an edge, so no ray slips through between them. The
+    distance is det(a b c) / d·n with the normal n.
+    """
+    u, v, w, n = plane
+    if dx * u[0] + dy * u[1] + dz * u[2] > 0 or dx * v[0] + dy * v[1] + dz * v[2] > 0:
+        return np.inf
+    slope = dx * n[0] + dy * n[1] + dz * n[2]
+    return volume / slope if dx * w[0] + dy * w[1] + dz * w[2] <= 0 and slope < 0 else np.inf
+
+
+@compiled
+def _image_box(
+    vertices: Float64[np.ndarray, "vertex 3"],
+    images: Float64[np.ndarray, "vertex 2"],
+    corners: Corners,
+    width: int,
+    height: int,
+) -> tuple[float, float, float, float, int]:
+    """Return left, top, right and bottom of a face's corners in the picture, and how many are out of the field.
+
+    One that is lies in its direction from the middle, but outside the picture.
+    """
+    left, top, right, bottom, missing = np.inf, np.inf, -np.inf, -np.inf, 0
+    for corner in corners:
+        x, y = images[corner, 0], images[corner, 1]
+        if np.isnan(x):
+            missing += 1
+            x, y = vertices[corner, 0], vertices[corner, 1]
+            length = max(np.sqrt(x * x + y * y), 1e-9)
+            for radius in (0.5 * min(width, height), 2.0 * max(width, height)):
+                u, v = 0.5 * width + radius * x / length, 0.5 * height + radius * y / length
+                left, right, top, bottom = min(left, u), max(right, u), min(top, v), max(bottom, v)
+        else:
+            left, right, top, bottom = min(left, x), max(right, x), min(top, y), max(bottom, y)
+    return left, top, right, bottom, missing
+
+
+@compiled
 def _row_range(
-    images: Float64[np.ndarray, "vertex 2"], p: int, q: int, r: int, y: int, margin: float
-) -> tuple[float, float]:
-    """Return between which columns of a row a triangle of the picture lies, or something within a margin of it."""
+    images: Float64[np.ndarray, "vertex 2"], corners: Corners, y: int, margin: float, x0: int, x1: int
+) -> tuple[int, int]:
+    """Return between which columns of x0 to x1 a face lies in a row of the picture, or within a margin of it."""
     left, right = 1e9, 0.0
     for edge in range(3):
-        a, b = (p, q) if edge == 0 else ((q, r) if edge == 1 else (r, p))
+        a, b = corners[edge], corners[(edge + 1) % 3]
         if images[a, 1] > images[b, 1]:
             a, b = b, a
         top, bottom = max(images[a, 1], y - margin), min(images[b, 1], y + margin)
@@ -180,7 +219,7 @@ def _row_range(
         upper = images[a, 0] + (top - images[a, 1]) * slope
         lower = images[a, 0] + (bottom - images[a, 1]) * slope
         left, right = min(left, upper, lower), max(right, upper, lower)
-    return left - margin, right + margin
+    return max(x0, int(np.ceil(left - margin))), min(x1, int(right + margin))
 
 
 @compiled
@@ -194,15 +233,12 @@ def _meetings(
     """Return the barycentric weights of the second and third corner, and the distances."""
     weights, distances = np.empty((len(pixels), 2), np.float32), np.empty(len(pixels), np.float32)
     for i in range(len(pixels)):
-        p, q, r = faces[hit[i], 0], faces[hit[i], 1], faces[hit[i], 2]
-        ax, ay, az = vertices[p, 0], vertices[p, 1], vertices[p, 2]
-        bx, by, bz = vertices[q, 0], vertices[q, 1], vertices[q, 2]
-        cx, cy, cz = vertices[r, 0], vertices[r, 1], vertices[r, 2]
+        corners = (faces[hit[i], 0], faces[hit[i], 1], faces[hit[i], 2])
+        of_u, of_v, of_w, _ = _plane(vertices, corners)
         dx, dy, dz = rays[pixels[i], 0], rays[pixels[i], 1], rays[pixels[i], 2]
-        ux, uy, uz = by * cz - bz * cy, bz * cx - bx * cz, bx * cy - by * cx
-        u = dx * ux + dy * uy + dz * uz
-        v = dx * (cy * az - cz * ay) + dy * (cz * ax - cx * az) + dz * (cx * ay - cy * ax)
-        w = dx * (ay * bz - az * by) + dy * (az * bx - ax * bz) + dz * (ax * by - ay * bx)
+        u = dx * of_u[0] + dy * of_u[1] + dz * of_u[2]
+        v = dx * of_v[0] + dy * of_v[1] + dz * of_v[2]
+        w = dx * of_w[0] + dy * of_w[1] + dz * of_w[2]
         weights[i, 0], weights[i, 1] = v / (u + v + w), w / (u + v + w)
-        distances[i] = (ax * ux + ay * uy + az * uz) / (u + v + w)
+        distances[i] = _volume(vertices, corners) / (u + v + w)
     return weights, distances
