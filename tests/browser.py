@@ -32,6 +32,7 @@ class Tab:
     complaints: list[str] = field(default_factory=list)
     requests: list[str] = field(default_factory=list)
     _count: int = 0
+    _loaded: str = ""  # which document has come to its load event last
 
     async def call(self, method: str, **parameters: Any) -> Any:
         """Call a method of the protocol and return its result."""
@@ -46,9 +47,11 @@ class Tab:
         """Load a page and wait until it and its pictures are there."""
         for domain in ("Page", "Runtime", "Log", "Network"):
             await self.call(f"{domain}.enable")
-        await self.call("Page.navigate", url=page.as_uri())
-        while not await self.evaluate("document.readyState === 'complete' && location.protocol === 'file:'"):
-            await asyncio.sleep(0.05)
+        await self.call("Page.setLifecycleEventsEnabled", enabled=True)
+        opened = await self.call("Page.navigate", url=page.as_uri())
+        assert "errorText" not in opened, opened
+        while self._loaded != opened["loaderId"]:
+            await self._next()
 
     async def evaluate(self, expression: str) -> Any:
         """Return what an expression is in the page."""
@@ -67,6 +70,8 @@ class Tab:
         assert received is not None, "the browser has gone"
         message: dict[str, Any] = json.loads(received)
         match message.get("method"), message.get("params"):
+            case "Page.lifecycleEvent", what if what["name"] == "load":
+                self._loaded = what["loaderId"]
             case "Network.requestWillBeSent", what:
                 self.requests.append(what["request"]["url"])
             case "Runtime.exceptionThrown", what:

@@ -141,7 +141,8 @@ def _volume(vertices: Float64[np.ndarray, "vertex 3"], corners: Corners) -> floa
     """Return det(a b c), negative for a face a b c seen from outside."""
     p, q, r = corners
     u = _cross(vertices[q, 0], vertices[q, 1], vertices[q, 2], vertices[r, 0], vertices[r, 1], vertices[r, 2])
-    return vertices[p, 0] * u[0] + vertices[p, 1] * u[1] + vertices[p, 2] * u[2]
+    volume: float = vertices[p, 0] * u[0] + vertices[p, 1] * u[1] + vertices[p, 2] * u[2]
+    return volume
 
 
 @compiled
