@@ -124,7 +124,7 @@ _MEASURE_QUALITY = {"num_sync_frames": 10, "max_shift_frames": 2, "max_reproject
 _SMOOTH_JOINTS = {"max_gap_frames": 2, "cutoff_period_frames": 7.0, "max_deviation_sd": 8.0}
 
 _ANNOTATE_ROUND = {
-    "weights": "",
+    "weights": __file__,  # any file: the network is made up
     "gamma": 1.5,
     "min_box_joints": 11,
     "min_inside": 0.5,
