@@ -4,12 +4,15 @@ import logging
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from pipeline.config import UserError
 from pipeline.executor_config import SshConfig
 from pipeline.remote_workers import NO_DASHBOARD
 from pipeline.run_credentials import run_credentials, tls_settings
+
+_IDLE: Final = "1 hour"
+"""A scheduler whose run was killed ends itself, and its workers, when it had nothing to do for so long."""
 
 
 @contextmanager
@@ -40,7 +43,7 @@ def ssh_cluster(config: SshConfig, workspace: Path) -> Iterator[Any]:
                     "memory_limit": config.memory_limit,
                     **NO_DASHBOARD,
                 },
-                scheduler_options={"protocol": "tls://", "port": 0, **NO_DASHBOARD},
+                scheduler_options={"protocol": "tls://", "port": 0, "idle_timeout": _IDLE, **NO_DASHBOARD},
                 remote_python=config.remote_python,
                 security=Security(require_encryption=True),
             )
