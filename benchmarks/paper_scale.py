@@ -55,7 +55,7 @@ def do_nothing(
         }
         for chunk, first in enumerate(starts)
     ]
-    return {name: CHUNKS.from_rows(rows) if spec.name == CHUNKS.name else spec.empty() for name, spec in outputs.items()}
+    return {name: spec.from_rows(rows if spec.name == CHUNKS.name else []) for name, spec in outputs.items()}
 
 
 def null_dag(dag: Dag, num_frames: int) -> None:
@@ -136,7 +136,9 @@ def main() -> None:
         _, alone, alone_cpu = _timed(lambda: _dask_alone(workers, num_tasks))
     for name, seconds, busy in (("run", wall, cpu), ("Dask alone", alone, alone_cpu)):
         each, own = 1e3 * seconds / num_tasks, 1e3 * busy / num_tasks
-        print(f"{name}: {num_tasks} tasks in {seconds:.0f} s, {each:.1f} ms a task, of the thread that schedules {own:.2f} ms")
+        print(
+            f"{name}: {num_tasks} tasks in {seconds:.0f} s, {each:.1f} ms a task; the thread that schedules {own:.2f}"
+        )
     print(f"beyond Dask's own: {1e3 * (cpu - alone_cpu) / num_tasks:.2f} ms a task")
     _, wall, _ = _timed(lambda: write_view(sequences[0].config, "paper", results(sequences), "benchmark"))
     print(f"the run's folder: {wall:.1f} s")
