@@ -2,7 +2,7 @@ import hydra
 import pytest
 
 from pipeline.config import CONF_FOLDER
-from pipeline.overrides import literal, name_runs, stray_word
+from pipeline.overrides import asks_hydra, literal, name_runs, stray_word
 
 
 @pytest.mark.parametrize(
@@ -38,6 +38,13 @@ def test_a_word_that_is_no_parameter_is_found() -> None:
     assert stray_word(["seq=one", "-m", "triangulate"]) == "triangulate"
     assert stray_word(["seq=one", "-m", "~gc"]) is None
     assert stray_word(["--cfg", "job"]) is None
+    assert stray_word(["seq=one", "=3"]) == "=3"
+
+
+@pytest.mark.parametrize("argument", ["-m", "--cfg", "hydra.verbose=true", "+hydra.job.name=a", "~hydra.run"])
+def test_flags_and_settings_of_hydra_are_for_hydra(argument: str) -> None:
+    ours = ["seq=all", "+triangulate.extra=1", "~gc"]
+    assert asks_hydra([*ours, argument]) and not asks_hydra(ours)
 
 
 def test_words_that_name_runs_become_parameters() -> None:
