@@ -7,12 +7,13 @@ bottom) in rectified pixels, unlike COCO's.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool
 
 from assemblyhands_core.data.assemblyhands import KEY_RATE_HZ, frame_key, joint_flags
+from assemblyhands_core.data.image_header import MAX_SIDE_PX, is_possible
 from assemblyhands_core.data.json_files import (
     FormatError,
     counted_problems,
@@ -26,8 +27,6 @@ from assemblyhands_core.data.json_files import (
 )
 from assemblyhands_core.data.names import checked_component, checked_relative_path, ego_image_name, ego_video_name
 from assemblyhands_core.hands.joints import HANDS, NUM_JOINTS, Hand
-
-MAX_SIDE_PX: Final = 2**15
 
 Box = tuple[float, float, float, float]
 
@@ -143,6 +142,8 @@ def _read_image(block: Mapping[str, Any], annotation: Mapping[str, Any] | None, 
         member(block, key, where) for key in ("seq_name", "camera", "file_name", "frame_idx", "width", "height")
     )
     width, height = (whole_number(side, f"{where}, size", 1, MAX_SIDE_PX) for side in size)
+    if not is_possible(width, height):
+        raise FormatError(f"{where}: {width}×{height} px are more than a picture may have; get the file again.")
     return EgoImage(
         recording=checked_component(recording, f"{where}: its seq_name"),
         camera_id=checked_component(camera, f"{where}: its camera"),

@@ -8,6 +8,9 @@ import numpy as np
 import pyarrow as pa
 from jaxtyping import UInt8
 
+from assemblyhands_core.data.image_header import declared_size
+from assemblyhands_core.data.json_files import read_bytes
+
 ImageRGB = UInt8[np.ndarray, "height width 3"]
 ImageBytes: TypeAlias = bytes | pa.Buffer
 """An encoded picture, of its own or still inside a table."""
@@ -15,6 +18,7 @@ ImageBytes: TypeAlias = bytes | pa.Buffer
 MISSING_IMAGE: Final = "missing_image"
 UNREADABLE_IMAGE: Final = "unreadable_image"
 IMAGE_SIZE_MISMATCH: Final = "image_size_mismatch"
+_MAX_PICTURE_BYTES: Final = 2**28
 
 
 def encode_jpeg(image_rgb: ImageRGB, quality: int) -> bytes:
@@ -27,12 +31,16 @@ def encode_jpeg(image_rgb: ImageRGB, quality: int) -> bytes:
 
 
 def decode_image(data: ImageBytes) -> ImageRGB:
-    """Return the RGB picture of JPEG or PNG bytes.
+    """Return the RGB picture of JPEG or PNG bytes; of any other format nothing is read.
 
     Raises:
-        ValueError: the bytes are no picture.
+        ValueError: the bytes are no picture, or declare a larger one than `image_header` lets pass.
     """
-    image: Any = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_COLOR_RGB) if data else None
+    try:
+        declared_size(bytes(data))
+        image: Any = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_COLOR_RGB)
+    except (ValueError, cv2.error) as error:
+        raise ValueError(f"{len(data)} bytes are no picture ({error}); skip rows that are not valid") from error
     if image is None:
         raise ValueError(f"{len(data)} bytes are no picture; skip rows that are not valid")
     return np.asarray(image, dtype=np.uint8)
@@ -45,10 +53,10 @@ def read_picture(path: Path, size_px: tuple[int, int]) -> ImageRGB | str:
         path: JPEG or PNG; a grey picture becomes grey three times.
         size_px: Width and height that it has to have.
     """
-    try:
-        picture = decode_image(path.read_bytes())
-    except FileNotFoundError:
+    if not path.is_file():
         return MISSING_IMAGE
-    except (OSError, ValueError):
+    try:
+        picture = decode_image(read_bytes(path, _MAX_PICTURE_BYTES))
+    except ValueError:
         return UNREADABLE_IMAGE
     return picture if picture.shape[1::-1] == size_px else IMAGE_SIZE_MISMATCH

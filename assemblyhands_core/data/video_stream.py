@@ -18,6 +18,8 @@ import av
 import numpy as np
 from numpy.typing import NDArray
 
+from assemblyhands_core.data.image_header import MAX_PIXELS, is_possible
+
 VideoReason = Literal[
     "missing_file",
     "not_a_video",
@@ -28,7 +30,13 @@ VideoReason = Literal[
     "frame_out_of_range",
     "unwritable_file",
 ]
+_CONTAINERS = (
+    "mov,matroska,avi,mpegts,mpeg,mpegvideo,mxf,flv,asf,ogg,nut,dv,gxf,ivf,obu,yuv4mpegpipe,"
+    "h264,hevc,vvc,m4v,mjpeg,mjpeg_2000,vc1,gif,apng"
+)
+"""Formats that hold their pictures themselves. Playlists (HLS, ffconcat) have us read whatever files they name."""
 _MAX_REORDERING = 32  # packets; H.264 and HEVC reorder over at most 16 frames
+_OPTIONS = {"protocol_whitelist": "file", "format_whitelist": _CONTAINERS, "max_pixels": str(MAX_PIXELS)}
 
 
 class VideoError(ValueError):
@@ -82,16 +90,21 @@ def opened(path: Path, threads: int = 1) -> Iterator[tuple[Any, Any]]:
             f"{path}: no such file; check the path or the pattern of rig.videos", "missing_file", str(path)
         )
     try:
-        # A playlist must not make us read other files or the network.
-        container = av.open(str(path.resolve()), options={"protocol_whitelist": "file"})
+        container = av.open(str(path.resolve()), options=_OPTIONS)
     except av.error.EOFError as error:
         raise _no_frames(path) from error
+    except av.error.ArgumentError as error:  # what FFmpeg says of formats that were not allowed
+        raise _not_a_video(path, "no video stream in a format that holds its own pictures") from error
     except (av.error.FFmpegError, OSError, ValueError) as error:
         raise _not_a_video(path, str(getattr(error, "strerror", error)).lower()) from error
     with container:
         stream = container.streams.best("video")
         if stream is None or stream.codec_context is None:
             raise _not_a_video(path, "no video stream that this FFmpeg can decode")
+        width, height = stream.codec_context.width, stream.codec_context.height
+        if width and height and not is_possible(width, height):
+            raise _not_a_video(path, f"its pictures of {width}×{height} px are larger than any camera's")
+        stream.codec_context.options = {"max_pixels": _OPTIONS["max_pixels"]}  # of pictures that grow on the way
         stream.codec_context.thread_count = threads
         stream.codec_context.thread_type = "AUTO" if threads > 1 else "NONE"
         yield container, stream

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from numbered_videos import FASTSTART, GOPS, HEIGHT_PX, NUM_FRAMES, WIDTH_PX, number_in, numbers, same, write_numbered
 
+from assemblyhands_core.data import image_header, video
 from assemblyhands_core.data.video import VideoError, VideoReader, probe
 
 
@@ -161,11 +162,37 @@ def test_a_missing_file_and_a_folder_are_named(tmp_path: Path) -> None:
         assert caught.value.reason == "missing_file"
 
 
-def test_a_playlist_cannot_make_us_open_other_files(clip: Any, tmp_path: Path) -> None:
-    path = tmp_path / "list.mp4"
-    path.write_text(f"ffconcat version 1.0\nfile '{clip('b_frames')}'\n")
-    with pytest.raises(VideoError):
+@pytest.mark.parametrize("name", ["list.mp4", "list.m3u8"])
+@pytest.mark.parametrize("is_absolute", [True, False])
+def test_a_playlist_cannot_make_us_open_other_files(clip: Any, tmp_path: Path, name: str, is_absolute: bool) -> None:
+    copy = tmp_path / "secret" / "other.ts"
+    copy.parent.mkdir()
+    with av.open(str(clip("b_frames"))) as source, av.open(str(copy), "w") as sink:
+        stream = sink.add_stream_from_template(source.streams.video[0])
+        for packet in source.demux(video=0):
+            if packet.dts is not None:
+                packet.stream = stream
+                sink.mux(packet)
+    assert probe(copy).num_frames > 1
+    other, path = copy if is_absolute else "secret/other.ts", tmp_path / name
+    hls = f"#EXTM3U\n#EXT-X-TARGETDURATION:10\n#EXTINF:1.0,\n{other}\n#EXT-X-ENDLIST\n"
+    path.write_text(f"ffconcat version 1.0\nfile {other}\n" if path.suffix == ".mp4" else hls)
+    with pytest.raises(VideoError) as caught:
         probe(path)
+    assert caught.value.reason == "not_a_video"
+
+
+def test_pictures_larger_than_any_cameras_are_refused_before_one_is_decoded(
+    clip: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = clip("b_frames")
+    monkeypatch.setattr(image_header, "MAX_PIXELS", WIDTH_PX * HEIGHT_PX)
+    assert VideoReader(path).num_frames == NUM_FRAMES
+    monkeypatch.setattr(image_header, "MAX_PIXELS", WIDTH_PX * HEIGHT_PX - 1)
+    monkeypatch.setattr(video, "_first_frame", lambda *_: pytest.fail("decoded"))
+    for read in (VideoReader, probe):
+        with pytest.raises(VideoError, match=f"pictures of {WIDTH_PX}×{HEIGHT_PX} px are larger than any camera's"):
+            read(path)
 
 
 def test_the_error_survives_pickling() -> None:
