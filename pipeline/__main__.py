@@ -16,7 +16,7 @@ from pipeline.commands import execute
 from pipeline.config import CONF_FOLDER, UserError, check_config, chooses_file, unknown_key_message
 from pipeline.dag import build_dag
 from pipeline.describe import describe
-from pipeline.overrides import has_values_of_sweep, is_sweep, literal, name_runs, stray_word
+from pipeline.overrides import asks_hydra, has_values_of_sweep, is_sweep, literal, name_runs, stray_word
 from pipeline.sweeps import Point, write_sweep
 from pipeline.terminal import terminal
 
@@ -70,8 +70,17 @@ def main() -> int:
         print(describe(build_dag()), end="")
         return 0
     overrides = literal(overrides)
-    _check_overrides(overrides)
+    if word := stray_word(overrides):
+        raise UserError(f"{word} is no parameter=value; see --help")
     command_line = shlex.join(["python", "-m", "pipeline", *arguments])
+    if not asks_hydra(overrides):
+        return execute(command, check_config(_composed(overrides)), command_line)
+    return _run_with_hydra(command, overrides, command_line)
+
+
+def _run_with_hydra(command: str, overrides: list[str], command_line: str) -> int:
+    """Let Hydra compose, which sweeps and knows flags of its own; return the exit code."""
+    _refuse_unknown(overrides)
     codes, points = [0], list[Point]()
     sweep = time.strftime("sweep-%Y%m%d-%H%M%S") if is_sweep(overrides) else ""
 
@@ -125,25 +134,29 @@ def _split_command(arguments: list[str]) -> tuple[str, list[str]]:
     raise UserError(f"there is no command {first}; choose among {', '.join(dict.fromkeys([*targets, *_COMMANDS[1:]]))}")
 
 
-def _check_overrides(overrides: list[str]) -> None:
-    """Refuse a mistake in the overrides with a sentence, before Hydra takes over with pages of its own."""
-    if word := stray_word(overrides):
-        raise UserError(f"{word} is no parameter=value; see --help")
-    settings = [argument for argument in overrides if "=" in argument and not argument.startswith("-")]
-    with hydra.initialize_config_dir(str(CONF_FOLDER), version_base="1.3"):
-        chosen = [setting for setting in settings if chooses_file(setting) and not has_values_of_sweep(setting)]
-        if message := unknown_key_message(settings, _composed(chosen)):
-            raise UserError(message)
-
-
-def _composed(chosen: list[str]) -> DictConfig:
-    """Return the configuration with some files of ``conf`` in the place of others."""
+def _composed(overrides: list[str]) -> DictConfig:
+    """Return the configuration; composing takes most of a second, so a mistake is looked for when Hydra finds one."""
     try:
-        composed: DictConfig = hydra.compose("config", chosen)
+        with hydra.initialize_config_dir(str(CONF_FOLDER), version_base="1.3"):
+            composed: DictConfig = hydra.compose("config", overrides)
+    except HydraException:
+        _refuse_unknown(overrides)
+        raise
+    return composed
+
+
+def _refuse_unknown(overrides: list[str]) -> None:
+    """Refuse files of ``conf`` and parameters that do not exist with a sentence, where Hydra has pages of its own."""
+    settings = [argument for argument in overrides if "=" in argument and not argument.startswith("-")]
+    chosen = [setting for setting in settings if chooses_file(setting) and not has_values_of_sweep(setting)]
+    try:
+        with hydra.initialize_config_dir(str(CONF_FOLDER), version_base="1.3"):
+            composed = hydra.compose("config", chosen)
     except MissingConfigException as error:
         there = ", ".join(error.options or ())
         raise UserError(f"there is no {error.missing_cfg_file}; choose among {there}") from error
-    return composed
+    if message := unknown_key_message(settings, composed):
+        raise UserError(message)
 
 
 if __name__ == "__main__":

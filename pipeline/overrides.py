@@ -28,6 +28,11 @@ def is_sweep(arguments: Sequence[str]) -> bool:
     return bool(_SWEEP_FLAGS & set(arguments))
 
 
+def asks_hydra(arguments: Sequence[str]) -> bool:
+    """Return whether arguments are more than parameters of ours: flags, a sweep, or settings of Hydra's own."""
+    return any(argument.startswith("-") or argument.lstrip("+~").startswith("hydra") for argument in arguments)
+
+
 def has_values_of_sweep(override: str) -> bool:
     """Return whether an override, as `literal` gives it, stands for several values."""
     return bool(OverridesParser.create().parse_override(override).is_sweep_override())
@@ -37,7 +42,7 @@ def stray_word(arguments: Sequence[str]) -> str | None:
     """Return the first argument that is no ``parameter=value`` and no flag."""
     if _FLAGS_WITH_VALUE & set(arguments):
         return None
-    return next((a for a in arguments if "=" not in a and not a.startswith(("-", "~"))), None)
+    return next((a for a in arguments if a.find("=") < 1 and not a.startswith(("-", "~"))), None)
 
 
 def name_runs(arguments: Sequence[str]) -> list[str]:
