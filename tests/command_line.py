@@ -58,10 +58,10 @@ def start(
     )
 
 
-def finish(process: "subprocess.Popen[str]") -> Outcome:
+def finish(process: "subprocess.Popen[str]", timeout_s: float = TIMEOUT_S) -> Outcome:
     """Wait for a command; one that hangs is killed with all its workers and fails the test."""
     try:
-        out, err = process.communicate(timeout=TIMEOUT_S)
+        out, err = process.communicate(timeout=timeout_s)
     except subprocess.TimeoutExpired:
         os.killpg(process.pid, signal.SIGKILL)
         out, err = process.communicate()
