@@ -22,6 +22,7 @@ from pipeline.terminal import terminal
 
 _INTERRUPTED = 130  # as shells count it: 128 + SIGINT
 _COMMANDS = ("run", "plan", "preflight", "gc", "fsck", "report", "compare", "view", "suspects", "correct", "describe")
+_OTHER_NAMES = {"import": "correct"}
 _USAGE = """usage: python -m pipeline [COMMAND] [parameter=value ...]
 
 commands
@@ -43,7 +44,7 @@ commands
   fsck       read all results again, and set aside what is damaged so that the next run makes it anew
   view       write a run's sequences for the viewer rerun: seq=NAME [run=NAME]; work/runs/<run>/view/<seq>.rrd
   suspects   write what is probably wrong in a run as a task for CVAT or another tool: seq=NAME [run=NAME]
-  correct    take over what was corrected there: corrected=FILE; docs/corrections.md
+  correct    take over what was corrected there (or: import): corrected=FILE; docs/corrections.md
   describe   the DAG and all tables, in Markdown
 
 often used parameters
@@ -51,7 +52,7 @@ often used parameters
   rig.calibration=PATH   with rig.videos='GLOB' and seq=NAME: a rig of your own
   target=NAME            a node or target to stop at
   rounds=3               how often MVExoNet refines 2D + triangulation; 0: not at all
-  executor=serial        everything in this process, for debuggers (default: local)
+  executor=serial        everything in this process, for debuggers (default: local; several machines: ssh, slurm, cluster)
   triangulate.max_reprojection_px=8    any parameter of a stage; --cfg job prints them all
   -m PARAMETER=A,B       a sweep: shared work is done once, a table and a picture at its end; repeat it to go on
 
@@ -123,7 +124,7 @@ def _split_command(arguments: list[str]) -> tuple[str, list[str]]:
     """Return the command and the overrides; a target's name stands for running it."""
     if not arguments or "=" in arguments[0] or arguments[0].startswith("-"):
         return "run", arguments
-    first, rest = arguments[0], arguments[1:]
+    first, rest = _OTHER_NAMES.get(arguments[0], arguments[0]), arguments[1:]
     if first == "compare":
         return first, name_runs(rest)
     if first in _COMMANDS:

@@ -64,3 +64,10 @@ def test_a_sweep_goes_through_its_points(
 ) -> None:
     assert _main(monkeypatch, "plan", "-m", "rounds=1,2", f"workspace={tmp_path}") == 0
     assert [config.rounds for _, config in executed] == [1, 2]
+
+
+def test_import_is_another_name_of_correct(
+    monkeypatch: pytest.MonkeyPatch, executed: list[tuple[str, RunConfig]]
+) -> None:
+    assert _main(monkeypatch, "import", "corrected=a.json") == 0
+    assert [command for command, _ in executed] == ["correct"] and str(executed[0][1].corrected) == "a.json"
