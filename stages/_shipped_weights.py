@@ -25,7 +25,7 @@ class UseWeightsConfig(StageConfig):
 
 def copied_weights(config: UseWeightsConfig, network: str, context: Context) -> Tables:
     """Copy the file, so that a result has what made it."""
-    from assemblyhands_core.models.pretrained import read_card
+    from assemblyhands_core.models.weights_files import read_card
 
     path = context.blob_dir / "weights.safetensors"
     path.write_bytes(config.path.read_bytes())

@@ -27,6 +27,8 @@ class ImageEncoder(nn.Module):
 
     def __init__(self, backbone: str, num_channels: int, num_levels: int) -> None:
         super().__init__()
+        if not timm.is_model(backbone):  # whose other names lead to files and to the network
+            raise ValueError(f"Backbone {backbone} is none that timm has: choose among timm.list_models().")
         levels = tuple(range(1, 1 + num_levels))
         self.mean: Tensor
         self.std: Tensor

@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any, Final, TypeVar
 
 import torch
-from safetensors import safe_open
 from safetensors.torch import load_file, save_file
 from torch import Tensor, nn
 
@@ -23,6 +22,7 @@ from assemblyhands_core.models.hand_keypoints import HandKeypointConfig, HandKey
 from assemblyhands_core.models.msg3d import MSG3D, MSG3DConfig
 from assemblyhands_core.models.mvexonet import MVExoNet, MVExoNetConfig
 from assemblyhands_core.models.svegonet import SVEgoNet, SVEgoNetConfig
+from assemblyhands_core.models.weights_files import built, card_entry, check_shapes, checked_config, read_card
 
 OurNetwork = MVExoNet | HandKeypointNet | SVEgoNet | MSG3D
 Network = TypeVar("Network", bound=nn.Module)
@@ -62,49 +62,44 @@ def save_weights(path: Path, network: OurNetwork, card: Mapping[str, str]) -> No
     save_file(tensors, path, metadata={**card, "network": type(network).__name__, "config": config})
 
 
-def read_card(path: Path) -> dict[str, str]:
-    """Return what the header of a weights file says, with `network` and `config`."""
-    with safe_open(path, framework="pt") as file:
-        return dict(file.metadata() or {})
-
-
 def load_mvexonet(path: Path) -> MVExoNet:
     """Build MVExoNet as a weights file describes it, for evaluation.
 
     Raises:
-        ValueError: The file is of another network.
+        ValueError: The file is of another network, or damaged.
     """
-    network = MVExoNet(MVExoNetConfig(**_config(path, "MVExoNet")))
-    return _filled(network, path)
+    config = checked_config(MVExoNetConfig, _config(path, "MVExoNet"), str(path))
+    return _filled(built(path, lambda: MVExoNet(config)), path)
 
 
 def load_hand_keypoints(path: Path) -> HandKeypointNet:
     """Build the 2D network as a weights file describes it, for evaluation.
 
     Raises:
-        ValueError: The file is of another network.
+        ValueError: The file is of another network, or damaged.
     """
-    network = HandKeypointNet(HandKeypointConfig(**_config(path, "HandKeypointNet")))
-    return _filled(network, path)
+    config = checked_config(HandKeypointConfig, _config(path, "HandKeypointNet"), str(path))
+    return _filled(built(path, lambda: HandKeypointNet(config)), path)
 
 
 def load_svegonet(path: Path) -> SVEgoNet:
     """Build SVEgoNet as a weights file describes it, for evaluation.
 
     Raises:
-        ValueError: The file is of another network.
+        ValueError: The file is of another network, or damaged.
     """
-    network = SVEgoNet(SVEgoNetConfig(**_config(path, "SVEgoNet")))
-    return _filled(network, path)
+    config = checked_config(SVEgoNetConfig, _config(path, "SVEgoNet"), str(path))
+    return _filled(built(path, lambda: SVEgoNet(config)), path)
 
 
 def load_msg3d(path: Path) -> MSG3D:
     """Build MS-G3D as a weights file describes it, for evaluation.
 
     Raises:
-        ValueError: The file is of another network.
+        ValueError: The file is of another network, or damaged.
     """
-    return _filled(MSG3D(MSG3DConfig(**_config(path, "MSG3D"))), path)
+    config = checked_config(MSG3DConfig, _config(path, "MSG3D"), str(path))
+    return _filled(built(path, lambda: MSG3D(config)), path)
 
 
 def start_from_weights(network: OurNetwork, path: Path) -> None:
@@ -116,6 +111,7 @@ def start_from_weights(network: OurNetwork, path: Path) -> None:
     wanted, found = dataclasses.asdict(network.config), _config(path, type(network).__name__)
     if other := [f"{name}={found.get(name)}" for name in wanted if wanted[name] != found.get(name)]:
         raise ValueError(f"{path} is of a network with {', '.join(other)}: train one of that shape, or start afresh.")
+    check_shapes(path, lambda: type(network)(network.config))  # type: ignore[arg-type]
     network.load_state_dict(load_file(path))
 
 
@@ -126,12 +122,13 @@ def start_from_backbone(encoder: ImageEncoder, path: Path) -> None:
         ValueError: The file has no encoder with this backbone.
     """
     begin = "encoder.backbone.model."
+    card = read_card(path)  # says what is wrong with a file that is no weights file
     found = {name.removeprefix(begin): tensor for name, tensor in load_file(path).items() if name.startswith(begin)}
     wanted = encoder.backbone.model.state_dict()
     if {name: tensor.shape for name, tensor in wanted.items()} != {
         name: tensor.shape for name, tensor in found.items()
     }:
-        backbone = json.loads(read_card(path).get("config", "{}")).get("backbone", "none")
+        backbone = card_entry({"config": "{}", **card}, "config", path).get("backbone", "none")
         raise ValueError(f"{path} has another backbone ({backbone}): give weights of a network with the same one.")
     encoder.backbone.model.load_state_dict(found)
 
@@ -187,7 +184,7 @@ def _config(path: Path, network: str) -> dict[str, Any]:
     card = read_card(path)
     if card.get("network") != network:
         raise ValueError(f"{path} holds weights of {card.get('network')}, not of {network}: give the right file.")
-    return dict(json.loads(card["config"]))
+    return card_entry(card, "config", path)
 
 
 def _filled(network: Network, path: Path) -> Network:

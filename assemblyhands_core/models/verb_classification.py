@@ -12,11 +12,13 @@ from jaxtyping import Float, Float32, Int
 from torch import Tensor
 from torch.nn.functional import one_hot
 
+from assemblyhands_core.data.json_files import FormatError, json_list, json_object, kind_of, member
 from assemblyhands_core.data.pose_clips import PoseClip
 from assemblyhands_core.data.pose_sequences import PoseSequenceConfig, sequence_of
 from assemblyhands_core.data.verb_segments import UNKNOWN_NOUN
 from assemblyhands_core.models.msg3d import MSG3D
-from assemblyhands_core.models.pretrained import load_msg3d, read_card
+from assemblyhands_core.models.pretrained import load_msg3d
+from assemblyhands_core.models.weights_files import card_entry, checked_config, read_card
 
 
 def object_features(
@@ -61,9 +63,15 @@ class VerbClassifier:
         network, card = load_msg3d(path), read_card(path)
         if "classifier" not in card:
             raise ValueError(f"{path} does not say which verbs it tells apart: train it with target=train_verbs.")
-        said = json.loads(card["classifier"])
-        sequence = {**said["sequence"], "hands": tuple(said["sequence"]["hands"])}
-        return VerbClassifier(network, tuple(said["verbs"]), tuple(said["nouns"]), PoseSequenceConfig(**sequence))
+        said = card_entry(card, "classifier", path)
+        verbs, nouns = (_names(member(said, key, str(path)), f"{path}: its {key}") for key in ("verbs", "nouns"))
+        sequence = json_object(member(said, "sequence", str(path)), f"{path}: its sequence")
+        if "hands" in sequence:
+            sequence["hands"] = _names(sequence["hands"], f"{path}: its hands")
+        shape = network.config.num_classes, network.config.num_frame_features
+        if (len(verbs), len(nouns)) != shape:
+            raise FormatError(f"{path}: names {len(verbs)} verbs and {len(nouns)} nouns, its network has {shape}.")
+        return VerbClassifier(network, verbs, nouns, checked_config(PoseSequenceConfig, sequence, str(path)))
 
     @staticmethod
     def card(verbs: tuple[str, ...], nouns: tuple[str, ...], sequence: PoseSequenceConfig) -> dict[str, str]:
@@ -99,3 +107,10 @@ class VerbClassifier:
                 threads.map(classify, [slice(first, first + batch_size) for first in range(0, len(clips), batch_size)])
             )
         return found
+
+
+def _names(value: object, where: str) -> tuple[str, ...]:
+    names = tuple(json_list(value, where))
+    if odd := [name for name in names if not isinstance(name, str)]:
+        raise FormatError(f"{where}: {kind_of(odd[0])} is no name; get the file again.")
+    return names

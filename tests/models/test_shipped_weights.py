@@ -10,7 +10,8 @@ import torch
 from assemblyhands_core.detectors.base import DetectorError
 from assemblyhands_core.detectors.learned import LearnedBody, LearnedHands
 from assemblyhands_core.hands.joints import HANDS, ROOT
-from assemblyhands_core.models.pretrained import load_hand_keypoints, load_mvexonet, read_card
+from assemblyhands_core.models.pretrained import load_hand_keypoints, load_mvexonet
+from assemblyhands_core.models.weights_files import read_card
 from assemblyhands_core.synthetic.body_keypoints import body_keypoints_mm
 from assemblyhands_core.synthetic.crop_boxes import AroundHand
 from assemblyhands_core.synthetic.crop_draws import draw_training_take, training_subject

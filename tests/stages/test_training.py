@@ -17,7 +17,8 @@ from assemblyhands_core.data.catalog import CHUNKS
 from assemblyhands_core.data.crop_images import encode_jpeg
 from assemblyhands_core.data.digests import digest_file
 from assemblyhands_core.data.training_tables import BODY_LABELS, WEIGHTS
-from assemblyhands_core.models.pretrained import load_hand_keypoints, load_mvexonet, read_card
+from assemblyhands_core.models.pretrained import load_hand_keypoints, load_mvexonet
+from assemblyhands_core.models.weights_files import read_card
 from stages import train_body_keypoints, train_keypoints, train_mvexonet
 from stages._contract import Context, Stage
 from stages._training import is_held_out
