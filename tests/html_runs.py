@@ -21,13 +21,17 @@ from pipeline.config import GcConfig, RigConfig, RunConfig
 from pipeline.dag import build_dag
 from pipeline.executor_config import LocalConfig
 from pipeline.finished import FinishedRun, open_run
-from stages import annotate_round
+from stages import annotate_round, tabulate_ego, tabulate_verbs
 
 HOSTILE = "<script>hostile=1<"
 """Name of a sequence."""
 ERRORS_MM = {"2d_triangulation": 8.0, "R1": 4.0, "R2": 2.0}
 _ROUND = annotate_round.AnnotateRoundConfig.model_construct(
     gamma=1.5, min_box_joints=11, min_inside=0.5, min_keypoint_confidence=0.1
+)
+_EGO = tabulate_ego.TabulateEgoConfig(block_frames=2, num_resamples=100, seed=0)
+_VERBS = tabulate_verbs.TabulateVerbsConfig(
+    verbs=("pick up", "screw"), blocks="recording", num_resamples=100, num_bins=5, seed=0
 )
 
 
@@ -39,7 +43,7 @@ def run_config(workspace: Path) -> RunConfig:
         executor=LocalConfig(name="serial", num_workers=1, memory_limit="auto"),
     )  # fmt: skip
     config._dag = build_dag(2)
-    config._stages = {"evaluate": CONFIG, "annotate_round": _ROUND}
+    config._stages = {"evaluate": CONFIG, "annotate_round": _ROUND, "tabulate_ego": _EGO, "tabulate_verbs": _VERBS}
     return config
 
 

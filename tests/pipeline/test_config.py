@@ -1,8 +1,13 @@
+from pathlib import Path
+
 import hydra
 import pytest
 from omegaconf import DictConfig
 
 from pipeline.config import CONF_FOLDER, UserError, check_config, unknown_key_message
+from pipeline.executor_config import ClusterConfig, SlurmConfig, SshConfig
+from pipeline.executors import resolve_workers
+from pipeline.slurm_cluster import job_options
 
 
 def _compose(*overrides: str) -> DictConfig:
@@ -40,6 +45,36 @@ def test_overrides_reach_run_and_stages() -> None:
 def test_a_wrong_value_is_named_with_what_is_allowed(override: str, message: str) -> None:
     with pytest.raises(UserError, match=message):
         check_config(_compose(override))
+
+
+@pytest.mark.parametrize(
+    ("overrides", "message"),
+    [
+        ("executor=cluster", r"^executor=cluster needs executor\.scheduler=tls://HOST:PORT \(or tcp://\)$"),
+        ("executor=cluster executor.scheduler=udp://a:1", r"^executor\.scheduler=udp://a:1 has to begin with tls://"),
+        ("executor=cluster executor.scheduler=tls://a:1", r"^tls:// needs executor\.tls\.ca, executor\.tls\.cert and"),
+        ("executor=ssh", r"^executor=ssh needs executor\.hosts=\[HOST,\.\.\.\]$"),
+        ("executor=slurm executor.cores=0", r"^executor\.cores=0 is not possible: .*greater than or equal to 1"),
+        ("executor=cluster executor.wait_s=0", r"^executor\.wait_s=0 is not possible: .*greater than 0"),
+    ],
+)
+def test_executors_say_what_they_need(overrides: str, message: str) -> None:
+    with pytest.raises(UserError, match=message):
+        check_config(_compose(*overrides.split()))
+
+
+def test_executors_that_are_told_enough_are_valid() -> None:
+    tls = [f"executor.tls.{name}=/a/{name}.pem" for name in ("ca", "cert", "key")]
+    cluster = check_config(_compose("executor=cluster", "executor.scheduler='tls://a:1'", *tls)).executor
+    assert isinstance(cluster, ClusterConfig) and cluster.tls.key == Path("/a/key.pem")
+    assert resolve_workers(cluster) == (1, 1) and cluster.num_workers_at_most == 0
+    ssh = check_config(_compose("executor=ssh", "executor.hosts=[a,b]", "executor.num_workers=3")).executor
+    assert isinstance(ssh, SshConfig) and ssh.hosts == ("a", "b") and ssh.num_workers_at_most == 0
+    slurm = check_config(_compose("executor=slurm", "executor.gpus=2", "executor.queue=fast")).executor
+    assert isinstance(slurm, SlurmConfig)
+    job = job_options(slurm)
+    assert job["job_extra_directives"] == ["--gres=gpu:2"] and job["worker_extra_args"][-2:] == ["--resources", "GPU=1"]
+    assert (job["queue"], job["cores"], job["walltime"], job["processes"]) == ("fast", 4, "01:00:00", 1)
 
 
 @pytest.mark.parametrize(
