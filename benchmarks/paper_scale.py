@@ -2,9 +2,9 @@
 
     python benchmarks/paper_scale.py [--subjects 34] [--instants 293000] [--workspace FOLDER]
 
-Plans and runs the real DAG (targets annotate and predict) with stages that give empty tables, on two workers; then
-plans it again, finished and with half of its results gone, and goes on from there. *Beyond Dask's own* is what the
-thread that schedules spends on a task more than on one that Dask is given alone, as many at a time as we do.
+Plans the real DAG (targets annotate and predict) with stages that give empty tables; runs half of the subjects on two
+workers, plans everything again, goes on, and plans the finished run. *Beyond Dask's own* is what the thread that
+schedules spends on a task more than on one that Dask is given alone, as many at a time as we do.
 """
 
 import argparse
@@ -39,6 +39,7 @@ from pipeline.work import SequenceWork, with_set
 from stages._contract import Context, StageConfig, Tables, no_externals
 
 CHUNK_FRAMES = 128
+_NUM_ALONE = 1000
 
 
 def do_nothing(
@@ -118,6 +119,19 @@ def _dask_alone(workers: Any, num_tasks: int) -> None:
             under_way.add(workers.client.submit(nothing, number, pure=False))
 
 
+def _planned(sequences: list[SequenceWork], workspace: Path) -> tuple[list[SequenceWork], float, float]:
+    _, wall, cpu = _timed(lambda: make_plan(sequences, Store(workspace), History(workspace)))
+    return sequences, wall, cpu
+
+
+def _each(wall: float, cpu: float, count: int) -> str:
+    return f"{count} tasks, {1e3 * wall / count:.1f} ms each, of the thread that schedules {1e3 * cpu / count:.2f}"
+
+
+def _memory_gb() -> float:
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--subjects", type=int, default=34)
@@ -125,37 +139,30 @@ def main() -> None:
     parser.add_argument("--workspace", type=Path)
     options = parser.parse_args()
     workspace = options.workspace or Path(tempfile.mkdtemp(prefix="paper-scale-"))
-    store, size = Store(workspace), (options.subjects, options.instants)
-
-    sequences = works(workspace, *size)
-    _, wall, _ = _timed(lambda: make_plan(sequences, store, History(workspace)))
-    print(f"plan of an empty workspace: {wall:.1f} s")
+    size = options.subjects, options.instants
+    _, wall, _ = _planned(works(workspace, *size), workspace)
+    print(f"plan of an empty workspace: {wall:.1f} s", flush=True)
     with local_workers(2, 1, "auto") as workers:
         _dask_alone(workers, 100)  # they are warm afterwards
-        num_tasks, wall, cpu = _timed(lambda: _run(workers, sequences, workspace))
-        _, alone, alone_cpu = _timed(lambda: _dask_alone(workers, num_tasks))
-    for name, seconds, busy in (("run", wall, cpu), ("Dask alone", alone, alone_cpu)):
-        each, own = 1e3 * seconds / num_tasks, 1e3 * busy / num_tasks
+        _, alone, alone_cpu = _timed(lambda: _dask_alone(workers, _NUM_ALONE))
         print(
-            f"{name}: {num_tasks} tasks in {seconds:.0f} s, {each:.1f} ms a task; the thread that schedules {own:.2f}"
+            f"Dask alone: {_each(alone, _NUM_ALONE)} ms a task, the thread that schedules {_each(alone_cpu, _NUM_ALONE)}"
         )
-    print(f"beyond Dask's own: {1e3 * (cpu - alone_cpu) / num_tasks:.2f} ms a task")
+        half = works(workspace, *size)[: options.subjects // 2]
+        num_tasks, wall, cpu = _timed(lambda: _run(workers, half, workspace))
+        print(
+            f"half: {num_tasks} tasks, {_each(wall, num_tasks)} ms a task, the thread that schedules {_each(cpu, num_tasks)}"
+        )
+        beyond = cpu / num_tasks - alone_cpu / _NUM_ALONE
+        print(f"beyond Dask's own: {1e3 * beyond:.2f} ms a task; memory {_memory_gb():.2f} GB", flush=True)
+        sequences, wall, _ = _planned(works(workspace, *size), workspace)
+        print(f"plan of the half-done run, until its next task can start: {wall:.1f} s", flush=True)
+        num_tasks, wall, cpu = _timed(lambda: _run(workers, sequences, workspace))
+        print(f"the other half: {_each(wall, cpu, num_tasks)}; memory {_memory_gb():.2f} GB", flush=True)
     _, wall, _ = _timed(lambda: write_view(sequences[0].config, "paper", results(sequences), "benchmark"))
-    print(f"the run's folder: {wall:.1f} s")
-
-    sequences = works(workspace, *size)
-    _, wall, _ = _timed(lambda: make_plan(sequences, store, History(workspace)))
-    print(f"plan of a finished run: {wall:.1f} s")
-    for entries in (workspace / "store").iterdir():
-        for entry in sorted(entries.iterdir())[::2]:
-            shutil.rmtree(entry)
-    sequences = works(workspace, *size)
-    _, wall, _ = _timed(lambda: make_plan(sequences, store, History(workspace)))
-    print(f"plan of a half-done run, until its first task can start: {wall:.1f} s")
-    with local_workers(2, 1, "auto") as workers:
-        num_tasks, wall, _ = _timed(lambda: _run(workers, sequences, workspace))
-    print(f"the other half: {num_tasks} tasks in {wall:.0f} s")
-    print(f"memory of the main process: {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6:.2f} GB at most")
+    print(f"the run's folder, {len(results(sequences))} shards: {wall:.1f} s")
+    _, wall, _ = _planned(works(workspace, *size), workspace)
+    print(f"plan of the finished run: {wall:.1f} s; memory {_memory_gb():.2f} GB at most")
     if options.workspace is None:
         shutil.rmtree(workspace)
 
