@@ -145,14 +145,10 @@ def main() -> None:
     with local_workers(2, 1, "auto") as workers:
         _dask_alone(workers, 100)  # they are warm afterwards
         _, alone, alone_cpu = _timed(lambda: _dask_alone(workers, _NUM_ALONE))
-        print(
-            f"Dask alone: {_each(alone, _NUM_ALONE)} ms a task, the thread that schedules {_each(alone_cpu, _NUM_ALONE)}"
-        )
+        print(f"Dask alone: {_each(alone, alone_cpu, _NUM_ALONE)}")
         half = works(workspace, *size)[: options.subjects // 2]
         num_tasks, wall, cpu = _timed(lambda: _run(workers, half, workspace))
-        print(
-            f"half: {num_tasks} tasks, {_each(wall, num_tasks)} ms a task, the thread that schedules {_each(cpu, num_tasks)}"
-        )
+        print(f"half of the set: {_each(wall, cpu, num_tasks)}")
         beyond = cpu / num_tasks - alone_cpu / _NUM_ALONE
         print(f"beyond Dask's own: {1e3 * beyond:.2f} ms a task; memory {_memory_gb():.2f} GB", flush=True)
         sequences, wall, _ = _planned(works(workspace, *size), workspace)
