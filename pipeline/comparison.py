@@ -1,4 +1,4 @@
-"""Two runs beside one another: every figure that both have, with paired intervals where errors of joints are there."""
+"""Two runs beside one another: every figure that both have, with paired intervals where single errors are there."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -11,12 +11,14 @@ import pyarrow.compute as pc
 from rich.console import Console
 
 from assemblyhands_core.metrics.annotation import TABLE
-from assemblyhands_core.metrics.comparison import Difference, differences
+from assemblyhands_core.metrics.comparison import differences
 from assemblyhands_core.metrics.error_rows import align_methods
-from assemblyhands_core.viz.figures import Change, change_figure, method_label
+from assemblyhands_core.metrics.run_differences import shared_rows
+from assemblyhands_core.viz.figures import Change, change_figure
 from pipeline.config import RunConfig, UserError
+from pipeline.difference_tables import Found, difference_grid, of_table, plain_number, tables_of
 from pipeline.ego_evaluation import egocentric_rows
-from pipeline.evaluation import METRIC_NAMES, pools, read_errors
+from pipeline.evaluation import pools, read_errors
 from pipeline.finished import FinishedRun, open_run
 from pipeline.grids import Grid, rich_table
 from pipeline.html_report.annotation import pool_title
@@ -25,28 +27,19 @@ from pipeline.html_report.page import Block, Fold, Page, Table, sections
 from pipeline.html_report.pictures import from_figure
 from pipeline.html_report.writing import save
 from pipeline.measured import RECORDINGS, NothingToShow
+from pipeline.network_comparison import compare_networks
 from pipeline.summary import quality_grids
 from pipeline.terminal import say
 from pipeline.verb_evaluation import verb_rows
 from stages.evaluate import UPPER_BOUND
 
 _HAND: Final = ("sequence_id", "frame", "hand")
-_SURE, _UNSURE, _EQUAL = "{} is better", "no sure difference", "equal"
-_METRICS: Final = {
-    **{name: METRIC_NAMES[name] for name in ("coverage", "mpjpe_mm")},
-    "wrist_relative_mpjpe_mm": "wrist-relative MPJPE (mm)",
-    **METRIC_NAMES,
-    "pck_20mm": "PCK at 20 mm (%)",
-}
-"""What they are called, in the order of the rows."""
 _PRINTED: Final = ("coverage", "mpjpe_mm", "pck_auc")
+_PRINTED_OF_NETWORKS: Final = (
+    *("coverage", "wrist_relative_mpjpe_mm", "pck_auc", "identity_accuracy"),
+    *("mean_verb_accuracy", "accuracy"),
+)
 _DRAWN: Final = "mpjpe_mm"
-_NEUTRAL: Final = frozenset({"own"})
-"""Metrics of which more is neither better nor worse."""
-
-
-Found = Mapping[str, Sequence[Difference]]
-"""Method → its differences."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,13 +68,17 @@ def compare_runs(config: RunConfig, console: Console) -> int:
     pair = _open(config)
     overall = dict(_overall(pair))
     for title, found in overall.items():
-        printed = [d for d in _of_table(found, TABLE) if d.metric in _PRINTED]
-        console.print(rich_table(_grid(title, pair, printed)))
-    if not overall:
-        say(console, "no method was evaluated in both runs; the page has what else they share")
+        printed = [d for d in of_table(found, TABLE) if d.metric in _PRINTED]
+        console.print(rich_table(difference_grid(title, pair.names, printed)))
+    networks = compare_networks(pair.first, pair.second)
+    for title, found in networks.items():
+        printed = [d for d in of_table(found, tables_of(found)[0]) if d.metric in _PRINTED_OF_NETWORKS]
+        console.print(rich_table(difference_grid(title, pair.names, printed)))
+    if not overall and not networks:
+        say(console, "nothing was evaluated in both runs; the page has what else they share")
     folder = pair.first.folder / "report"
     folder.mkdir(exist_ok=True)
-    save(console, _page(pair, overall), folder / f"compare_{pair.first.name}_{pair.second.name}.html")
+    save(console, _page(pair, overall, networks), folder / f"compare_{pair.first.name}_{pair.second.name}.html")
     return 0
 
 
@@ -109,78 +106,15 @@ def _overall(pair: _Pair) -> Iterator[tuple[str, Found]]:
         for method in pc.unique(tables[0]["method"]).to_pylist():
             of_method = [table.filter(pc.equal(table["method"], method)) for table in tables]
             if of_method[1].num_rows:
-                rows = align_methods(_common(*of_method), settings.block_frames)
+                shared = shared_rows(of_method[0], of_method[1], _HAND)
+                rows = [align_methods(table, settings.block_frames)[method] for table in shared]
                 bounds = settings.low_occlusion, settings.high_occlusion
-                found[method] = list(differences(rows["first"], rows["second"], bounds, settings.resampling))
+                found[method] = list(differences(rows[0], rows[1], bounds, settings.resampling))
         if found:
             yield pool_title(pool), found
 
 
-def _common(first: pa.Table, second: pa.Table) -> pa.Table:
-    """Return the errors at those hands and instants that both have, with the methods `first` and `second`."""
-    keys = [list(zip(*(table[name].to_pylist() for name in _HAND), strict=True)) for table in (first, second)]
-    both = set(keys[0]) & set(keys[1])
-    kept = []
-    for name, table, of_table in zip(("first", "second"), (first, second), keys, strict=True):
-        rows = table.filter(pa.array([key in both for key in of_table], pa.bool_()))
-        names = pa.array([name] * rows.num_rows, pa.string())
-        kept.append(rows.set_column(rows.schema.get_field_index("method"), "method", names))
-    return pa.concat_tables(kept)
-
-
-def _of_table(found: Found, table: str) -> list[Difference]:
-    """Return what a table has, with coverage first of each method's metrics."""
-    order = list(_METRICS)
-    return [
-        d._replace(group=", ".join(filter(None, (method_label(method), d.group))))
-        for method, of_method in found.items()
-        for d in sorted(of_method, key=lambda d: order.index(d.metric))
-        if d.table == table
-    ]
-
-
-def _grid(title: str, pair: _Pair, found: Sequence[Difference]) -> Grid:
-    first, second = pair.names
-    rows = [
-        [
-            d.group,
-            _METRICS[d.metric],
-            _number(d.first),
-            _number(d.second),
-            _with_interval(d),
-            _verdict(d, pair),
-            str(d.n),
-        ]
-        for d in found
-    ]
-    columns = ["method", "metric", first, second, f"{first} − {second} (95 % interval)", "verdict", "n"]
-    return Grid(title, columns, rows)
-
-
-def _verdict(found: Difference, pair: _Pair) -> str:
-    """Return which run is better; only where the whole interval says so."""
-    if found.value == found.low == found.high == 0:
-        return _EQUAL
-    if not (found.low > 0 or found.high < 0):
-        return _UNSURE
-    if found.metric in _NEUTRAL:
-        return "they differ"
-    is_first_better = (found.value < 0) == found.metric.endswith("_mm")
-    return _SURE.format(pair.names[0] if is_first_better else pair.names[1])
-
-
-def _with_interval(found: Difference) -> str:
-    if found.value == found.low == found.high == 0:
-        return "0"
-    bounds = "" if found.low != found.low else f" ({found.low:+.3f} to {found.high:+.3f})"
-    return "–" if found.value != found.value else f"{found.value:+.3f}{bounds}"
-
-
-def _number(value: float) -> str:
-    return "–" if value != value else f"{value:.3f}"
-
-
-def _page(pair: _Pair, overall: Mapping[str, Found]) -> Page:
+def _page(pair: _Pair, overall: Mapping[str, Found], networks: Mapping[str, Found]) -> Page:
     first, second = pair.names
     kind = ", all of them synthetic" if pair.first.is_synthetic and pair.second.is_synthetic else ""
     lead = (
@@ -188,7 +122,7 @@ def _page(pair: _Pair, overall: Mapping[str, Found]) -> Page:
     )
     parts = {
         "Annotation against the truth": partial(_annotation, pair, overall),
-        "Egocentric hands and verbs": partial(_networks, pair),
+        "Egocentric hands and verbs": partial(_networks, pair, networks),
         "Quality without truth": partial(_quality, pair),
         "Time": partial(_times, pair),
         "What was different": partial(_settings, pair),
@@ -201,19 +135,17 @@ def _annotation(pair: _Pair, overall: Mapping[str, Found]) -> Iterator[Block]:
         raise NothingToShow("no method was evaluated in both runs.")
     first, second = pair.names
     for title, found in overall.items():
-        yield Table(_grid(title, pair, _of_table(found, TABLE)), note=_HOW.format(first, second))
+        yield Table(difference_grid(title, pair.names, of_table(found, TABLE)), note=_HOW.format(first, second))
         figure = change_figure(list(_changes(found)), f"MPJPE (mm): {first} − {second}", RECORDINGS)
         yield from_figure(figure, f"Differences of MPJPE, {title}; the same as in the tables.")
-        for table in dict.fromkeys(d.table for of_method in found.values() for d in of_method if d.table != TABLE):
-            name = table.removeprefix(f"{TABLE}_").replace("_", " ")
-            yield Fold(f"{name.capitalize()}; {title}", [Table(_grid(name, pair, _of_table(found, table)))])
+        yield from _folds(pair, title, found, [table for table in tables_of(found) if table != TABLE])
 
 
 def _changes(found: Found) -> Iterator[Change]:
     """Yield the difference of each method, and by finger of the last one that is no upper bound."""
     last = [method for method in found if method != UPPER_BOUND or len(found) == 1][-1]
     for drawn, table in ((found, TABLE), ({last: found[last]}, f"{TABLE}_by_finger")):
-        for d in _of_table(drawn, table):
+        for d in of_table(drawn, table):
             if d.metric == _DRAWN and np.isfinite([d.value, d.low, d.high]).all():
                 yield Change(d.group, d.value, d.low, d.high)
 
@@ -224,12 +156,34 @@ _HOW: Final = (
 )
 
 
-def _networks(pair: _Pair) -> Iterator[Block]:
-    """Yield figures over a whole set, which are comparable only if it is the same set."""
+_HOW_NETWORKS: Final = (
+    "Positive: {} has more than {}. Paired intervals over the same crops (by stretches of frames) or the same segments "
+    "(by person or recording), as in the runs' own tables."
+)
+
+
+def _networks(pair: _Pair, networks: Mapping[str, Found]) -> Iterator[Block]:
+    """Yield paired figures; and those over a whole set, which are comparable only if it is the same set."""
+    for title, found in networks.items():
+        overall, *others = tables_of(found)
+        grid = difference_grid(title, pair.names, of_table(found, overall))
+        yield Table(grid, note=_HOW_NETWORKS.format(*pair.names))
+        yield from _folds(pair, title, found, others)
     if not pair.are_of_the_same:
-        raise NothingToShow("the runs are of different sequences, so that figures over all of them say nothing.")
-    found = [_set_figures(run) for run in (pair.first, pair.second)]
-    yield _plain_table("Figures that both have; without paired intervals", pair, *found)
+        if not networks:
+            raise NothingToShow("the runs are of different sequences, so that figures over all of them say nothing.")
+        return
+    figures = [_set_figures(run) for run in (pair.first, pair.second)]
+    if not networks or figures[0].keys() & figures[1].keys():
+        table = _plain_table("Figures that both have, without intervals", pair, *figures)
+        yield Fold("All figures of the set", [table])
+
+
+def _folds(pair: _Pair, title: str, found: Found, tables: Sequence[str]) -> Iterator[Block]:
+    """Yield the tables by group, closed."""
+    for table in tables:
+        name = table.partition("_")[2].replace("_", " ")
+        yield Fold(f"{name.capitalize()}; {title}", [Table(difference_grid(name, pair.names, of_table(found, table)))])
 
 
 def _set_figures(run: FinishedRun) -> dict[str, float]:
@@ -265,7 +219,7 @@ def _times(pair: _Pair) -> Iterator[Block]:
 
 def _plain_table(title: str, pair: _Pair, first: Mapping[str, float], second: Mapping[str, float]) -> Table:
     rows = [
-        [name, *(_number(value) for value in (first[name], second[name], first[name] - second[name]))]
+        [name, *(plain_number(value) for value in (first[name], second[name], first[name] - second[name]))]
         for name in first
         if name in second and np.isfinite([first[name], second[name]]).all()
     ]

@@ -10,14 +10,16 @@ from assemblyhands_core.metrics.egocentric import TABLE
 from pipeline.grids import Grid, rich_table
 from pipeline.set_tables import figure_with_interval, labelled_rows, write_rows
 
-_NETWORKS: Final = {
+NETWORKS: Final = {
     "ego_evaluation": "shipped",
     "ego_evaluation_manual": "Train-M",
     "ego_evaluation_automatic": "Train-A",
     "ego_evaluation_both": "Train-M+A",
     "ego_evaluation_tracked": "Train-T",
 }
-_LABELS: Final = {"manual": "Eval-M", "automatic": "Eval-A", "both": "Eval-M+A"}
+"""Node → what readers call the network that it judges."""
+LABELS: Final = {"manual": "Eval-M", "automatic": "Eval-A", "both": "Eval-M+A"}
+"""Kind of labels → what readers call judging by them."""
 _COLUMNS: Final = {
     "wrist_relative_mpjpe_mm": "wrist-relative MPJPE (mm)",
     "pck_auc": "PCK-AUC (%)",
@@ -36,7 +38,7 @@ def print_egocentric(console: Console, run: Path) -> None:
 
 def egocentric_rows(run: Path) -> list[dict[str, Any]]:
     """Return all figures of a run's egocentric networks, with the `network` that each is of."""
-    return list(labelled_rows(run, _NETWORKS, "network"))
+    return list(labelled_rows(run, NETWORKS, "network"))
 
 
 def egocentric_grid(rows: Sequence[Mapping[str, Any]]) -> Grid:
@@ -47,7 +49,7 @@ def egocentric_grid(rows: Sequence[Mapping[str, Any]]) -> Grid:
     lines = [
         [network, name, *(figure_with_interval(found[network, labels, metric]) for metric in _COLUMNS), str(first["n"])]
         for network in dict.fromkeys(row["network"] for row in rows)
-        for labels, name in _LABELS.items()
+        for labels, name in LABELS.items()
         if (first := found.get((network, labels, "wrist_relative_mpjpe_mm")))
     ]
     return Grid("egocentric hands (95 % intervals)", ["network", "labels", *_COLUMNS.values(), "n"], lines)

@@ -14,10 +14,10 @@ from pipeline.config import RigConfig, RunConfig, UserError
 from pipeline.evaluation import kinds_of_sequences
 from pipeline.measured import Measured, measure
 from pipeline.recordings import synthetic_sequences
-from stages import annotate_round, evaluate
+from stages import annotate_round, evaluate, tabulate_ego, tabulate_verbs
 from stages._contract import StageConfig
 
-_NEEDED: Final = (evaluate.STAGE, annotate_round.STAGE)
+_NEEDED: Final = (evaluate.STAGE, annotate_round.STAGE, tabulate_ego.STAGE, tabulate_verbs.STAGE)
 """Stages whose parameters reports need."""
 _CHUNK: Final = re.compile(r"\.\d{5}$")
 
@@ -83,6 +83,16 @@ class FinishedRun:
     def round_settings(self) -> annotate_round.AnnotateRoundConfig:
         """Return how its rounds were made."""
         return cast(annotate_round.AnnotateRoundConfig, self.config.stages[annotate_round.STAGE.name])
+
+    @property
+    def ego_settings(self) -> tabulate_ego.TabulateEgoConfig:
+        """Return how its egocentric networks were judged."""
+        return cast(tabulate_ego.TabulateEgoConfig, self.config.stages[tabulate_ego.STAGE.name])
+
+    @property
+    def verb_settings(self) -> tabulate_verbs.TabulateVerbsConfig:
+        """Return how its verb classifiers were judged."""
+        return cast(tabulate_verbs.TabulateVerbsConfig, self.config.stages[tabulate_verbs.STAGE.name])
 
 
 def open_run(config: RunConfig, name: str) -> FinishedRun:

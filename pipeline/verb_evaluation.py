@@ -10,12 +10,13 @@ from assemblyhands_core.metrics.verbs import TABLE
 from pipeline.grids import Grid, rich_table
 from pipeline.set_tables import figure_with_interval, labelled_rows, write_rows
 
-_NODES: Final = {
+CLASSIFIERS: Final = {
     "verb_table": "shipped network, our annotation",
     "verb_table_manual": "shipped network, people's labels",
     "own_verb_table": "trained on each source, our annotation",
     "own_verb_table_manual": "trained on each source, people's labels",
 }
+"""Node → what readers call the classifier that it judges, and whose labels its poses come from."""
 _COLUMNS: Final = {
     "mean_verb_accuracy": "mean over verbs (%)",
     "accuracy": "over segments (%)",
@@ -35,7 +36,7 @@ def print_verbs(console: Console, run: Path) -> None:
 
 def verb_rows(run: Path) -> list[dict[str, Any]]:
     """Return all figures about verbs, with the `classifier` that each is of."""
-    return list(labelled_rows(run, _NODES, "classifier"))
+    return list(labelled_rows(run, CLASSIFIERS, "classifier"))
 
 
 def verb_grid(name: str, rows: Sequence[Mapping[str, Any]]) -> Grid:

@@ -19,13 +19,18 @@ class TabulateEgoConfig(StageConfig):
     num_resamples: int = Field(ge=100)
     seed: int = Field(ge=0)
 
+    @property
+    def resampling(self) -> Resampling:
+        """Return how intervals are drawn."""
+        return Resampling(self.block_frames, self.num_resamples, self.seed)
+
 
 def run(config: TabulateEgoConfig, inputs: Tables, context: Context) -> Tables:
     """Tabulate the errors on all sequences but those of the splits for training; on all, if there are no others."""
     names = pa.array(judged_of(inputs["members"]), pa.string())
     errors = pa.concat_tables([inputs["manual"], inputs["automatic"]])
     errors = errors.filter(pc.is_in(errors["sequence_id"], value_set=names))
-    cells = evaluate_egocentric(errors, Resampling(config.block_frames, config.num_resamples, config.seed))
+    cells = evaluate_egocentric(errors, config.resampling)
     return {"metrics": EVALUATION.from_rows([{"sequence_id": context.sequence_id, **cell._asdict()} for cell in cells])}
 
 

@@ -27,6 +27,18 @@ class TabulateVerbsConfig(StageConfig):
     num_bins: int = Field(ge=2)
     seed: int = Field(ge=0)
 
+    @property
+    def evaluation(self) -> VerbEvaluation:
+        """Return how verbs are evaluated."""
+        return VerbEvaluation(
+            verbs=self.verbs,
+            upper_bound=SOURCES[0],
+            blocks=self.blocks,
+            num_resamples=self.num_resamples,
+            seed=self.seed,
+            num_bins=self.num_bins,
+        )
+
 
 def run(config: TabulateVerbsConfig, inputs: Tables, context: Context) -> Tables:
     """Tabulate the sequences that are not for training; all, if there are no others."""
@@ -35,15 +47,7 @@ def run(config: TabulateVerbsConfig, inputs: Tables, context: Context) -> Tables
     for source in SOURCES:
         rows = inputs[source].filter(pc.is_in(inputs[source]["sequence_id"], value_set=names))
         tables.append(rows.append_column("source", pa.array([source] * rows.num_rows, pa.string())))
-    evaluation = VerbEvaluation(
-        verbs=config.verbs,
-        upper_bound=SOURCES[0],
-        blocks=config.blocks,
-        num_resamples=config.num_resamples,
-        seed=config.seed,
-        num_bins=config.num_bins,
-    )
-    cells = evaluate_verbs(pa.concat_tables(tables), evaluation)
+    cells = evaluate_verbs(pa.concat_tables(tables), config.evaluation)
     return {"metrics": EVALUATION.from_rows([{"sequence_id": context.sequence_id, **cell._asdict()} for cell in cells])}
 
 

@@ -2,7 +2,6 @@
 
 import itertools
 from collections.abc import Iterator
-from typing import NamedTuple
 
 import pyarrow as pa
 
@@ -19,6 +18,7 @@ from assemblyhands_core.metrics.annotation import (
 )
 from assemblyhands_core.metrics.bootstrap import Weights, difference_interval, draw_weights, ratio_interval
 from assemblyhands_core.metrics.error_rows import ErrorRows, align_methods
+from assemblyhands_core.metrics.run_differences import Difference, make_difference
 
 
 def compare_methods(errors: pa.Table, resampling: Resampling) -> list[Cell]:
@@ -39,20 +39,6 @@ def compare_methods(errors: pa.Table, resampling: Resampling) -> list[Cell]:
     return cells
 
 
-class Difference(NamedTuple):
-    """A figure in two runs, and by how much the first is above the second, with a paired interval."""
-
-    table: str
-    group: str
-    metric: str
-    first: float
-    second: float
-    value: float
-    low: float
-    high: float
-    n: int
-
-
 def differences(
     first: ErrorRows, second: ErrorRows, occlusion_bounds: tuple[float, float], resampling: Resampling
 ) -> Iterator[Difference]:
@@ -68,10 +54,7 @@ def differences(
     for group in groups_of(first, occlusion_bounds):
         for metric in quantities[0]:
             one, other = (sums_over(of_run[metric], first, group) for of_run in quantities)
-            found = difference_interval(one, other, weights, resampling.level)
-            means = float(one.mean()[0]), float(other.mean()[0])
-            value, low, high = (float(values[0]) for values in (found.value, found.low, found.high))
-            yield Difference(group.table, group.name, metric, *means, value, low, high, int(one.count.sum()))
+            yield make_difference((group.table, group.name, metric), one, other, weights, resampling.level)
 
 
 def _pair(row: str, after: ErrorRows, before: ErrorRows, weights: Weights, level: float) -> Iterator[Cell]:

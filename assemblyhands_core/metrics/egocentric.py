@@ -8,13 +8,14 @@ from typing import Final
 
 import numpy as np
 import pyarrow as pa
-from jaxtyping import Bool
+from jaxtyping import Bool, Int
 
 from assemblyhands_core.data.arrays import to_numpy
 from assemblyhands_core.hands.joints import HANDS, NUM_BOTH, NUM_JOINTS
 from assemblyhands_core.metrics.annotation import Cell, Quantity, Resampling, make_cell, masked
-from assemblyhands_core.metrics.bootstrap import block_sums, draw_weights, mean_interval
+from assemblyhands_core.metrics.bootstrap import BlockSums, block_sums, draw_weights, mean_interval
 from assemblyhands_core.metrics.keypoints import coverage_percent, mean_of_joint_means, pck_auc_shares
+from assemblyhands_core.metrics.run_differences import Difference, make_difference
 
 TABLE: Final = "ego"
 BOTH: Final = "both"
@@ -29,32 +30,54 @@ def evaluate_egocentric(errors: pa.Table, resampling: Resampling) -> list[Cell]:
         errors: Rows of the table `EGO_ERRORS`, of any number of sequences.
         resampling: How intervals are drawn.
     """
-    cells: list[Cell] = []
+    return [cell for labels, rows in by_labels(errors) for cell in _cells(labels, rows, resampling)]
+
+
+def by_labels(errors: pa.Table) -> Iterator[tuple[str, pa.Table]]:
+    """Yield the errors of each kind of labels and, where there are several, of all together."""
     kinds = sorted(set(errors["labels"].to_pylist()))
     for labels in kinds:
-        cells += _cells(labels, errors.filter(pa.compute.equal(errors["labels"], labels)), resampling)
-    return cells + (list(_cells(BOTH, errors, resampling)) if len(kinds) > 1 else [])
+        yield labels, errors.filter(pa.compute.equal(errors["labels"], labels))
+    if len(kinds) > 1:
+        yield BOTH, errors
+
+
+def egocentric_differences(first: pa.Table, second: pa.Table, resampling: Resampling) -> Iterator[Difference]:
+    """Yield every figure of a network in two runs beside one another.
+
+    Args:
+        first, second: Rows of the table `EGO_ERRORS` of each run, of the same crops in the same order. Groups are those
+            of the first.
+        resampling: How intervals are drawn.
+    """
+    blocks = _blocks(first, resampling.block_frames)
+    weights = draw_weights(blocks[1], resampling.num_resamples, resampling.seed)
+    quantities = [_quantities(errors) for errors in (first, second)]
+    for table, name, is_member in _groups(first):
+        for metric in quantities[0]:
+            one, other = (_sums(of_run[metric], is_member, *blocks) for of_run in quantities)
+            yield make_difference((table, name, metric), one, other, weights, resampling.level)
 
 
 def _cells(labels: str, errors: pa.Table, resampling: Resampling) -> Iterator[Cell]:
-    block, num_blocks = _blocks(errors, resampling.block_frames)
-    weights = draw_weights(num_blocks, resampling.num_resamples, resampling.seed)
+    blocks = _blocks(errors, resampling.block_frames)
+    weights = draw_weights(blocks[1], resampling.num_resamples, resampling.seed)
     quantities = _quantities(errors)
     yield _toolkit_cell(labels, errors)
     for table, name, is_member in _groups(errors):
-        sums = {
-            metric: block_sums(
-                quantity.amount[is_member].sum(axis=1, keepdims=True),
-                quantity.counts[is_member].sum(axis=1, keepdims=True),
-                block[is_member],
-                num_blocks,
-            )
-            for metric, quantity in quantities.items()
-        }
+        sums = {metric: _sums(quantity, is_member, *blocks) for metric, quantity in quantities.items()}
         coverage = float(sums["coverage"].mean()[0])
         for metric, of_metric in sums.items():
             interval = mean_interval(of_metric, weights, resampling.level)
             yield make_cell((table, name, labels, metric), interval, of_metric, coverage)
+
+
+def _sums(
+    quantity: Quantity, is_member: Bool[np.ndarray, " row"], block: Int[np.ndarray, " row"], num_blocks: int
+) -> BlockSums:
+    """Return a quantity's sums over the blocks of some rows."""
+    total, count = (values[is_member].sum(axis=1, keepdims=True) for values in (quantity.amount, quantity.counts))
+    return block_sums(total, count, block[is_member], num_blocks)
 
 
 def _toolkit_cell(labels: str, errors: pa.Table) -> Cell:
@@ -83,7 +106,7 @@ def _quantities(errors: pa.Table) -> dict[str, Quantity]:
     }
 
 
-def _blocks(errors: pa.Table, block_frames: int) -> tuple[np.ndarray, int]:
+def _blocks(errors: pa.Table, block_frames: int) -> tuple[Int[np.ndarray, " row"], int]:
     """Return which stretch of which sequence each row belongs to, and how many there are; cameras share them."""
     _, sequence = np.unique(to_numpy(errors["sequence_id"]).astype(str), return_inverse=True)
     places = np.stack([sequence, to_numpy(errors["frame"]) // block_frames], axis=1)

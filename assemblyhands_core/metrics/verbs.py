@@ -24,6 +24,7 @@ from assemblyhands_core.metrics.bootstrap import (
     mean_interval,
     ratio_interval,
 )
+from assemblyhands_core.metrics.run_differences import Difference, make_difference
 from assemblyhands_core.metrics.verb_rows import Blocks, VerbRows, align_sources
 
 TABLE: Final = "verbs"
@@ -88,6 +89,27 @@ def evaluate_verbs(predictions: pa.Table, evaluation: VerbEvaluation) -> list[Ce
         cells += figures.confusion(name, rows)
         cells += figures.calibration(name, rows)
     return [*cells, *figures.chance(first), *figures.distribution(sources), *figures.comparison(sources)]
+
+
+def verb_differences(first: pa.Table, second: pa.Table, evaluation: VerbEvaluation) -> Iterator[Difference]:
+    """Yield the figures of one source of poses in two runs beside one another, over all segments and by verb.
+
+    Args:
+        first, second: As for `evaluate_verbs` without ``source``, of the same segments.
+        evaluation: How.
+
+    Raises:
+        ValueError: They are not of the same segments, or a verb is none of the classes.
+    """
+    named = [
+        table.append_column("source", pa.array([name] * table.num_rows, pa.string()))
+        for name, table in (("first", first), ("second", second))
+    ]
+    if not first.num_rows:
+        return
+    runs = align_sources(pa.concat_tables(named), evaluation.verbs, "first", evaluation.blocks)
+    weights = draw_weights(runs["first"].num_blocks, evaluation.num_resamples, evaluation.seed)
+    yield from _Figures(evaluation, weights).differences(runs["first"], runs["second"])
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,6 +198,28 @@ class _Figures:
                 metric, shares = "relative_mean_verb_accuracy", _percent(drawn, drawn_base)
                 yield self._cell((*names, metric), float(_percent(value, base)), shares, pair[0], everywhere)
 
+    def differences(self, first: VerbRows, second: VerbRows) -> Iterator[Difference]:
+        """Yield the figures of two runs beside one another."""
+        runs, everywhere = (first, second), np.ones(len(first.true), dtype=bool)
+        yield self._over_verbs_difference(first, second)
+        right = [(100.0 * rows.is_right, everywhere) for rows in runs]
+        errors = [(rows.pose_error_mm, np.isfinite(rows.pose_error_mm)) for rows in runs]
+        coverage = [(rows.coverage, everywhere) for rows in runs]
+        for metric, of_runs in (("accuracy", right), ("pose_error_mm", errors), ("pose_coverage", coverage)):
+            one, other = (rows.sums(*amounts) for rows, amounts in zip(runs, of_runs, strict=True))
+            yield make_difference((TABLE, "", metric), one, other, self.weights, self.evaluation.level)
+        for place, verb in enumerate(self.evaluation.verbs):
+            one, other = (rows.sums(100.0 * rows.is_right, first.true == place) for rows in runs)
+            names = f"{TABLE}_by_verb", verb, "accuracy"
+            yield make_difference(names, one, other, self.weights, self.evaluation.level)
+
+    def _over_verbs_difference(self, first: VerbRows, second: VerbRows) -> Difference:
+        one, other = first.accuracies(), second.accuracies()
+        mean, mean_of_other = (float(_over_verbs(sums.mean())) for sums in (one, other))
+        low, high = self._bounds(self._drawn(one) - self._drawn(other), first)
+        figures = mean, mean_of_other, mean - mean_of_other, low, high
+        return Difference(TABLE, "", "mean_verb_accuracy", *figures, len(first.true))
+
     def _mean(
         self,
         names: tuple[str, str, str, str],
@@ -200,9 +244,12 @@ class _Figures:
         counts: Bool[np.ndarray, " row"],
     ) -> Cell:
         """Return the line of a figure that is no mean of segments, with the percentiles of its draws."""
+        return Cell(*names, float(value), *self._bounds(drawn, rows), int(counts.sum()), _coverage(rows, counts))
+
+    def _bounds(self, drawn: Float[np.ndarray, " resample"], rows: VerbRows) -> tuple[float, float]:
         tail = (1 - self.evaluation.level) / 2
         low, high = np.quantile(drawn, (tail, 1 - tail)) if rows.num_blocks >= _MIN_BLOCKS else (np.nan, np.nan)
-        return Cell(*names, float(value), float(low), float(high), int(counts.sum()), _coverage(rows, counts))
+        return float(low), float(high)
 
 
 def confidence_bins(rows: VerbRows, num_bins: int) -> list[Bool[np.ndarray, " row"]]:

@@ -8,8 +8,9 @@ import pytest
 
 from assemblyhands_core.data.evaluation_tables import EVALUATION
 from assemblyhands_core.metrics.annotation import Cell
+from assemblyhands_core.metrics.run_differences import Difference
 from assemblyhands_core.metrics.verb_rows import align_sources
-from assemblyhands_core.metrics.verbs import VerbEvaluation, calibration_error_percent, evaluate_verbs
+from assemblyhands_core.metrics.verbs import VerbEvaluation, calibration_error_percent, evaluate_verbs, verb_differences
 
 VERBS = ("pick up", "screw", "unscrew")
 EVALUATION_OF = VerbEvaluation(VERBS, "annotations", "recording", num_resamples=200, seed=0, num_bins=5)
@@ -197,3 +198,36 @@ def test_the_order_of_rows_is_of_no_matter() -> None:
     shuffled = table.take(np.random.default_rng(0).permutation(table.num_rows))
     first, second = (evaluate_verbs(one, EVALUATION_OF) for one in (table, shuffled))
     assert [tuple(map(str, cell)) for cell in first] == [tuple(map(str, cell)) for cell in second]
+
+
+def _differences(first: list[str], second: list[str], **columns: Any) -> dict[tuple[str, str, str], Difference]:
+    runs = [_table({"svegonet": said}, **columns).drop_columns("source") for said in (first, second)]
+    return {(d.table, d.group, d.metric): d for d in verb_differences(*runs, EVALUATION_OF)}
+
+
+def test_two_runs_differ_by_the_segments_that_one_tells_and_the_other_does_not() -> None:
+    found = _differences(ANNOTATIONS, PREDICTED)
+    accuracy = found["verbs", "", "accuracy"]
+    assert (accuracy.first, accuracy.second, accuracy.value, accuracy.n) == (80.0, 50.0, 30.0, 10)
+    assert 0 <= accuracy.low < 30 < accuracy.high <= 60, "paired: what both miss says nothing"
+    of_verbs = found["verbs", "", "mean_verb_accuracy"]
+    assert of_verbs.first == pytest.approx((80 + 200 / 3 + 100) / 3)
+    assert of_verbs.value == pytest.approx((80 - 60 + 200 / 3 - 100 / 3 + 100 - 50) / 3)
+    assert of_verbs.low < of_verbs.value < of_verbs.high
+    by_verb = {verb: found["verbs_by_verb", verb, "accuracy"].value for verb in VERBS}
+    assert by_verb == pytest.approx({"pick up": 20.0, "screw": 100 / 3, "unscrew": 50.0})
+    assert found["verbs", "", "pose_error_mm"].value == found["verbs", "", "pose_coverage"].value == 0
+    same = _differences(PREDICTED, PREDICTED)
+    assert all(d.value == 0 and (np.isnan(d.low) or d.low == d.high == 0) for d in same.values())
+
+
+def test_segments_of_one_recording_are_drawn_together_in_both_runs() -> None:
+    few = _differences(ANNOTATIONS, PREDICTED, sequence_id=["a"] * 5 + ["b"] * 5)
+    assert few["verbs", "", "accuracy"].value == 30.0
+    assert all(np.isnan([d.low, d.high]).all() for d in few.values()), "two recordings say too little"
+
+
+def test_runs_of_other_segments_are_refused() -> None:
+    first = _table({"svegonet": PREDICTED}).drop_columns("source")
+    with pytest.raises(ValueError, match="second has predictions of 9 segments, first of 10"):
+        list(verb_differences(first, first.slice(1), EVALUATION_OF))

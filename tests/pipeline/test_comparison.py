@@ -1,12 +1,18 @@
 """Two made-up runs beside one another."""
 
 import io
+import json
 from pathlib import Path
 
 import pytest
+from error_tables import ego_errors_table
+from finished_run import write_table
 from html_runs import HOSTILE, run_config, write_run
 from rich.console import Console
 
+from assemblyhands_core.data.evaluation_tables import EGO_ERRORS
+from assemblyhands_core.data.fine_grained import VERBS
+from assemblyhands_core.data.verb_tables import VERB_PREDICTIONS
 from pipeline.comparison import compare_runs
 from pipeline.config import UserError
 
@@ -47,6 +53,49 @@ def test_figures_stand_beside_one_another_with_paired_intervals_and_a_verdict(ru
 def test_which_run_is_better_does_not_depend_on_the_order(runs: Path) -> None:
     rows, _, _ = _compared(runs, "bad", "good")
     assert {(row[0], row[1]): row[5] for row in rows}["R2", "MPJPE (mm)"] == "good is better"
+
+
+def _write_networks(run: Path, worse_mm: float, told: str) -> None:
+    """Write an egocentric network's errors, and what a classifier says of twelve recordings with one segment each."""
+    errors = ego_errors_table(12)
+    error_mm = [[mm + worse_mm for mm in row] for row in errors["error_mm"].to_pylist()]
+    rows = [{**row, "error_mm": mm} for row, mm in zip(errors.to_pylist(), error_mm, strict=True)]
+    write_table(run / "errors_manual_both" / "errors" / "s.parquet", EGO_ERRORS, EGO_ERRORS.from_rows(rows))
+    segments = [
+        {
+            "sequence_id": f"r{number}",
+            "segment": 0,
+            "verb": "screw",
+            "predicted": "screw" if number % 2 else told,
+            "confidence": 0.5,
+            "probability": [0.0] * len(VERBS),
+            "first_key": 0,
+            "pose_error_mm": 7.0,
+            "coverage": 100.0,
+        }
+        for number in range(12)
+    ]
+    predictions = VERB_PREDICTIONS.from_rows(segments)
+    write_table(run / "verbs_svegonet" / "predictions" / "r.parquet", VERB_PREDICTIONS, predictions)
+    shards = {name: {} for name in ("s", *(f"r{number}" for number in range(12)))}
+    (run / "verbs_svegonet" / "manifest.json").write_text(json.dumps({"stage": "s", "shards": shards}))
+
+
+def test_networks_are_held_against_each_other_on_the_same_crops_and_segments(tmp_path: Path) -> None:
+    for name, worse_mm, told in (("near", 0.0, "screw"), ("off", 2.0, "pick up")):
+        _write_networks(write_run(tmp_path, name), worse_mm, told)
+    rows, _, page = _compared(tmp_path, "near", "off")
+    found = {(row[0], row[1]): row[2:] for row in rows}
+    near, off, difference, verdict, n = found["Train-M+A, Eval-M", "wrist-relative MPJPE (mm)"]
+    assert (near, off) == (f"{6 * 20 / 21:.3f}", f"{6 * 20 / 21 + 2:.3f}")  # 1 to 11 mm; the wrist has no error
+    assert (difference, verdict, n) == ("-2.000 (-2.000 to -2.000)", "near is better", str(11 * 21))
+    assert found["svegonet", "accuracy (%)"][:2] == ["100.000", "50.000"]
+    assert (
+        found["svegonet", "accuracy (%)"][3]
+        == found["svegonet", "accuracy, mean over verbs (%)"][3]
+        == "near is better"
+    )
+    assert "By camera; egocentric hands" in page and "By verb; verbs, shipped network, our annotation" in page
 
 
 @pytest.mark.parametrize(
