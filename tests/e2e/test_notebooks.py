@@ -73,11 +73,15 @@ def test_correct_labels_moves_one_joint_to_where_a_person_sees_it(judged: Any, t
         "ASSEMBLYHANDS_RUN": "judged",
         "CORRECTIONS": str(tmp_path),
         "TRUTH": str(judged.tiny.folder.parent / "truth"),
+        "SUSPECTS": "suspects.max_distance_px=0.1",
     }
     asked = "[FRAME, HAND, JOINT, [list(key) for key in changed], after.source[(FRAME, HAND)], len(seen)]"
     shown = run_notebook("correct_labels.ipynb", NOTEBOOKS, environment, asked)
     frame, hand, joint, changed, source, num_seen = shown.values
     assert changed == [[frame, hand]] and source == "manual" and num_seen >= 2 and shown.num_pictures == 2
+    num_set = len((tmp_path / "tiny.csv").read_text().splitlines()) - 1  # not where the joint was right already
+    assert 2 <= num_set <= num_seen and f"{num_set} points set, of 1 hands" in shown.printed
+    assert "task: " in shown.printed
     number = JOINT_NAMES.index(joint)
     joints = load(judged.workspace / "runs/corrected/round_0").set_index(["frame", "hand"]).joints_world_mm
     true = judged.tiny.joints_mm[frame, HANDS.index(hand), number]
