@@ -6,10 +6,13 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from assemblyhands_core.data.coco_keypoints import read_coco_keypoints, write_coco_keypoints
+from assemblyhands_core.data.coco_keypoints import CocoPicture, read_coco_keypoints, write_coco_keypoints
 from assemblyhands_core.data.correction_tasks import TaskPicture, as_given
+from assemblyhands_core.data.csv_files import opened_csv
 from assemblyhands_core.data.cvat_labels import cvat_labels
 from assemblyhands_core.data.digests import digest_json
+from assemblyhands_core.data.json_files import FormatError, member
+from assemblyhands_core.data.names import is_file_part
 from assemblyhands_core.hands.joints import Hand
 from pipeline.config import UserError
 
@@ -19,6 +22,7 @@ _LABELS: Final = "cvat_labels.json"
 _PICTURES: Final = "pictures.csv"
 _SUSPECTS: Final = "suspects.csv"
 _COLUMNS: Final = ("file_name", "sequence_id", "camera_id", "frame")
+_MAX_BYTES: Final = 2**26
 _MARK: Final = "--"
 _TAG_LENGTH: Final = 8
 
@@ -49,7 +53,7 @@ def task_folder(corrections: Path, picture_name: str) -> Path:
     """
     sequence_id, _, rest = Path(picture_name).stem.partition(_MARK)
     _, mark, tag = rest.rpartition(_MARK)
-    if not mark:
+    if not mark or not (is_file_part(sequence_id) and is_file_part(tag)):
         raise UserError(f"unknown_picture: {picture_name} is no picture of a task; leave their names as they are")
     return corrections / sequence_id / tag
 
@@ -75,13 +79,18 @@ def read_task(folder: Path) -> dict[str, TaskPicture]:
             f"unknown_picture: there is no task {folder}; import where it was exported, or corrections=PATH"
         )
     start = {picture.file_name: picture for picture in read_coco_keypoints(folder / _ANNOTATIONS)}
-    with (folder / _PICTURES).open(newline="", encoding="utf-8") as file:
-        rows = list(csv.DictReader(file))
-    names = [row["file_name"] for row in rows]
-    return {
-        name: TaskPicture(name, row["sequence_id"], row["camera_id"], int(row["frame"]), start[name])
-        for name, row in zip(names, rows, strict=True)
-    }
+    with opened_csv(folder / _PICTURES, _MAX_BYTES, restval="") as reader:
+        rows = [(row, f"{folder / _PICTURES}: line {reader.line_num}") for row in reader]
+    return {row["file_name"]: _task_picture(row, start, folder.parent.name, where) for row, where in rows}
+
+
+def _task_picture(
+    row: Mapping[str, str], start: Mapping[str, CocoPicture], sequence_id: str, where: str
+) -> TaskPicture:
+    name, sequence, camera_id, frame = (member(row, column, where) for column in _COLUMNS)
+    if sequence != sequence_id or name not in start or not (frame.isascii() and frame.isdigit() and len(frame) < 10):
+        raise FormatError(f"{where}: is no picture of {sequence_id} as it was exported; export the task again.")
+    return TaskPicture(name, sequence_id, camera_id, int(frame), start[name])
 
 
 def _write_csv(path: Path, columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:

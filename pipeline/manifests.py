@@ -1,12 +1,14 @@
 """The rows of the manifests that a run is about."""
 
-import csv
 import fnmatch
 import glob
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
+from assemblyhands_core.data.csv_files import opened_csv
+from assemblyhands_core.data.json_files import FormatError
+from assemblyhands_core.data.names import is_file_part
 from pipeline.config import RunConfig, UserError
 
 MANIFESTS: Final = Path(__file__).resolve().parents[1] / "data_manifests"
@@ -18,7 +20,8 @@ _OPTIONAL: Final = (
     "rig", "duration_s", "rate_hz",
 )  # fmt: skip
 _MAX_LISTED: Final = 10
-_FORBIDDEN_IN_NAMES: Final = set("/\\*?[],= \t\n")
+_MAX_BYTES: Final = 2**23
+_FORBIDDEN_IN_NAMES: Final = set("*?[],= ")
 
 ManifestRow = Mapping[str, str]
 """A row's columns, empty where it says nothing; ``manifest``, its file, and ``folder``, that of the manifest."""
@@ -40,8 +43,10 @@ def checked_name(name: str) -> str:
     Raises:
         UserError: it cannot.
     """
-    if not name or name.startswith(".") or _FORBIDDEN_IN_NAMES & set(name):
-        raise UserError(f"{name!r} cannot name a sequence: it becomes part of file names (letters, digits, - _ .)")
+    if not is_file_part(name) or _FORBIDDEN_IN_NAMES & set(name):
+        raise UserError(
+            f"{name[:200]!r} cannot name a sequence: it becomes part of file names (letters, digits, - _ .)"
+        )
     return name
 
 
@@ -88,14 +93,14 @@ def _files(manifest: str) -> list[Path]:
     return found
 
 
-def _read_csv(path: Path) -> list[ManifestRow]:
+def _read_csv(path: Path) -> Iterator[ManifestRow]:
     try:
-        with path.open(newline="", encoding="utf-8") as file:
-            reader = csv.DictReader(file)
+        with opened_csv(path, _MAX_BYTES) as reader:
             if missing := set(_COLUMNS) - set(reader.fieldnames or ()):
                 raise UserError(
                     f"{path} has no column {', '.join(sorted(missing))}; a manifest has {', '.join(_COLUMNS)}"
                 )
-            return [{name: row.get(name) or "" for name in (*_COLUMNS, *_OPTIONAL)} for row in reader]
-    except (OSError, UnicodeDecodeError) as error:
-        raise UserError(f"{path} cannot be read as a CSV manifest: {error}") from error
+            for row in reader:
+                yield {name: row.get(name) or "" for name in (*_COLUMNS, *_OPTIONAL)}
+    except FormatError as error:
+        raise UserError(str(error)) from error

@@ -30,7 +30,7 @@ from assemblyhands_core.hands.joints import NUM_BOTH, NUM_JOINTS
 NUM_LANDMARKS: Final = 21
 HAND_KEYS: Final = ("0", "1")
 """What the files call the left hand and the right one."""
-_MAX_FRAMES: Final = 10**7
+_MAX_FRAMES: Final = 10**6  # 4.6 h, as many as six digits can name
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,6 +19,7 @@ from assemblyhands_core.data.json_files import (
     FormatError,
     counted_problems,
     json_object,
+    kind_of,
     member,
     numbers,
     read_json_object,
@@ -34,6 +35,7 @@ EGO_SIZE_PX: Final = (636, 480)
 RECTIFIED_FOCAL_SCALE: Final = 0.7
 """Focal length of the release's rectified egocentric images, as a factor on the fisheye's (formats 2.5)."""
 
+_MAX_CAMERAS: Final = 16
 _KEY: Final = re.compile(r"\d{6}", re.ASCII)
 
 
@@ -187,15 +189,14 @@ def _joint_blocks(joints: JointAnnotations) -> dict[str, Any]:
 
 def _read_joints(blocks: object, where: str) -> JointAnnotations:
     frames = _by_frame(blocks, where)
-    world = np.full((len(frames), len(HANDS), NUM_JOINTS, 3), np.nan)
-    is_valid = np.zeros(world.shape[:-1], dtype=bool)
+    found: list[tuple[Float64[np.ndarray, "joint=42 3"], Bool[np.ndarray, "joint=42"]]] = []
     with counted_problems() as problems:
-        for index, (frame, value) in enumerate(frames.items()):
+        for frame, value in frames.items():
             with problems.noted():
-                joints, flags = _read_frame(value, f"{where}, frame {frame_key(frame)}")
-                world[index].reshape(-1, 3)[flags] = joints[flags]
-                is_valid[index] = flags.reshape(is_valid.shape[1:])
-    return JointAnnotations(np.array(list(frames), dtype=np.int64), world, is_valid)
+                found.append(_read_frame(value, f"{where}, frame {frame_key(frame)}"))
+    world = np.array([np.where(flags[:, None], joints, np.nan) for joints, flags in found])
+    is_valid, shape = np.array([flags for _, flags in found], dtype=bool), (len(found), len(HANDS), NUM_JOINTS)
+    return JointAnnotations(np.array(list(frames), dtype=np.int64), world.reshape(*shape, 3), is_valid.reshape(shape))
 
 
 def _read_frame(value: object, place: str) -> tuple[Float64[np.ndarray, "joint=42 3"], Bool[np.ndarray, "joint=42"]]:
@@ -227,6 +228,8 @@ def _calibration_block(ego: EgoCalibration) -> dict[str, Any]:
 
 def _read_ego(block: Mapping[str, Any], where: str) -> EgoCalibration:
     intrinsics = json_object(member(block, "intrinsics", where), f"{where}, intrinsics")
+    if len(intrinsics) > _MAX_CAMERAS:
+        raise FormatError(f"{where}: has {len(intrinsics)} cameras, no headset has more than {_MAX_CAMERAS}.")
     camera_ids = tuple(checked_component(name, f"{where}: a camera") for name in intrinsics)
     matrices = np.zeros((len(camera_ids), 3, 3))
     for index, (name, value) in enumerate(intrinsics.items()):
@@ -240,7 +243,7 @@ def _read_ego(block: Mapping[str, Any], where: str) -> EgoCalibration:
             for name, value in json_object(cameras, place).items():
                 with problems.noted():
                     if name not in camera_ids:
-                        raise FormatError(f"{place}: camera {name!r} has no intrinsics; get the file again.")
+                        raise FormatError(f"{place}: camera {kind_of(name)} has no intrinsics; get the file again.")
                     there = f"{place}, camera {name}"
                     poses[index, camera_ids.index(name)] = checked_pose(numbers(value, (3, 4), there), there)
     return EgoCalibration(camera_ids, matrices, np.array(list(frames), dtype=np.int64), poses)

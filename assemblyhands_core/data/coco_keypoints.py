@@ -16,6 +16,7 @@ from assemblyhands_core.data.json_files import (
     FormatError,
     json_list,
     json_object,
+    kind_of,
     member,
     numbers,
     read_json_object,
@@ -26,6 +27,7 @@ from assemblyhands_core.hands.joints import BONES, HANDS, JOINT_NAMES, NUM_JOINT
 
 CATEGORY_IDS: Final[Mapping[Hand, int]] = {"right": 1, "left": 2}
 _LABELLED, _UNLABELLED = 2, 0
+_MAX_BYTES: Final = 2**28
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +88,7 @@ def read_coco_keypoints(path: Path) -> list[CocoPicture]:
     Raises:
         FormatError: It is not as it should be; the message says what and where.
     """
-    document = read_json_object(path)
+    document = read_json_object(path, _MAX_BYTES)
     categories = _read_categories(document, path)
     hands: dict[int, list[CocoHand]] = {}
     for index, value in enumerate(json_list(member(document, "annotations", str(path)), f"{path}: annotations")):
@@ -100,11 +102,19 @@ def read_coco_keypoints(path: Path) -> list[CocoPicture]:
         block = json_object(value, where)
         number, width, height = (whole_number(member(block, k, where), where) for k in ("id", "width", "height"))
         pictures.append(
-            CocoPicture(str(member(block, "file_name", where)), (width, height), tuple(hands.pop(number, ())))
+            CocoPicture(
+                _file_name(member(block, "file_name", where), where), (width, height), tuple(hands.pop(number, ()))
+            )
         )
     if hands:
         raise FormatError(f"{path}: annotations are of the image {min(hands)}, which is not in the file; get it again.")
     return pictures
+
+
+def _file_name(value: object, where: str) -> str:
+    if not isinstance(value, str) or not value.isprintable():
+        raise FormatError(f"{where}: its file_name is {kind_of(value)}; leave the names of pictures as they are.")
+    return value
 
 
 def _category(hand: Hand) -> dict[str, Any]:

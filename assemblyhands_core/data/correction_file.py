@@ -12,11 +12,14 @@ from pathlib import Path
 from typing import Any, Final
 
 from assemblyhands_core.data.corrections import NOT_SEEN
-from assemblyhands_core.data.json_files import FormatError, counted_problems
+from assemblyhands_core.data.csv_files import opened_csv
+from assemblyhands_core.data.json_files import FormatError, counted_problems, kind_of
 from assemblyhands_core.geometry.cameras import Camera
 from assemblyhands_core.hands.joints import HANDS, JOINT_NAMES
 
 _VISIBILITIES: Final = ("0", "1", "2")
+_MAX_BYTES: Final = 2**27  # of a million joints and more
+_MAX_DIGITS: Final = 9
 
 
 @dataclass(frozen=True, order=True)
@@ -52,21 +55,16 @@ def read_corrections(path: Path) -> list[Correction]:
     Raises:
         FormatError: It is not as it should be; the message says what, in which line, and how many lines are wrong.
     """
-    try:
-        with path.open(newline="", encoding="utf-8") as file:
-            reader = csv.DictReader(file, strict=True)
-            if tuple(reader.fieldnames or ()) != COLUMNS:
-                raise FormatError(f"{path}: wrong_columns: its first line has to be {','.join(COLUMNS)}")
-            lines = [(reader.line_num, row) for row in reader]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise FormatError(f"{path}: cannot be read as a CSV file of corrections: {error}") from error
     found: dict[tuple[int, str, str, str], Correction] = {}
-    with counted_problems() as problems:
-        for number, row in lines:
+    with opened_csv(path, _MAX_BYTES, strict=True) as reader, counted_problems() as problems:
+        if tuple(reader.fieldnames or ()) != COLUMNS:
+            raise FormatError(f"{path}: wrong_columns: its first line has to be {','.join(COLUMNS)}")
+        for row in reader:
             with problems.noted():
-                correction = _correction(row, f"{path}: line {number}")
+                where = f"{path}: line {reader.line_num}"
+                correction = _correction(row, where)
                 if correction.key in found:
-                    raise FormatError(f"{path}: line {number}: repeated_joint: {_name(correction)} stands there twice")
+                    raise FormatError(f"{where}: repeated_joint: {_name(correction)} stands there twice")
                 found[correction.key] = correction
     return list(found.values())
 
@@ -123,14 +121,16 @@ def _correction(row: Mapping[str | None, Any], where: str) -> Correction:
     if None in row or None in row.values():
         raise FormatError(f"{where}: wrong_count: there are {len(COLUMNS)} columns, {', '.join(COLUMNS)}")
     frame, hand, joint, visibility = (row[name] for name in ("frame", "hand", "joint", "visibility"))
-    if not (frame.isascii() and frame.isdigit()):
-        raise FormatError(f"{where}: unknown_frame: {frame!r} is no frame; they count from 0")
+    if not (frame.isascii() and frame.isdigit() and len(frame) <= _MAX_DIGITS):
+        raise FormatError(f"{where}: unknown_frame: {kind_of(frame)} is no frame; they count from 0")
     if hand not in HANDS:
-        raise FormatError(f"{where}: unknown_hand: {hand!r}; a hand is {' or '.join(HANDS)}")
+        raise FormatError(f"{where}: unknown_hand: {kind_of(hand)}; a hand is {' or '.join(HANDS)}")
     if joint not in JOINT_NAMES:
-        raise FormatError(f"{where}: unknown_joint: {joint!r}; joints are called {JOINT_NAMES[0]} to {JOINT_NAMES[-1]}")
+        raise FormatError(
+            f"{where}: unknown_joint: {kind_of(joint)}; joints are called {JOINT_NAMES[0]} to {JOINT_NAMES[-1]}"
+        )
     if visibility not in _VISIBILITIES:
-        raise FormatError(f"{where}: unknown_visibility: {visibility!r}; 2 is seen, 1 hidden, 0 not to be used")
+        raise FormatError(f"{where}: unknown_visibility: {kind_of(visibility)}; 2 is seen, 1 hidden, 0 not to be used")
     is_seen = int(visibility) != NOT_SEEN
     x_px, y_px = (_pixel(row[name], is_seen, f"{where}: {name}") for name in ("x_px", "y_px"))
     return Correction(row["sequence_id"], int(frame), row["camera_id"], hand, joint, x_px, y_px, int(visibility))
@@ -142,7 +142,7 @@ def _pixel(text: str, is_seen: bool, where: str) -> float:
     except ValueError:
         value = math.nan
     if is_seen and not math.isfinite(value):
-        raise FormatError(f"{where}: not_a_number: {text!r}; with visibility 1 or 2 a joint has a place")
+        raise FormatError(f"{where}: not_a_number: {kind_of(text)}; with visibility 1 or 2 a joint has a place")
     return value if is_seen else math.nan
 
 

@@ -6,14 +6,14 @@ segment belongs to it. A row that cannot be read is counted and named, and never
 """
 
 import csv
-import io
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final, Literal, cast
 
-from assemblyhands_core.data.json_files import FormatError, read_bytes
+from assemblyhands_core.data.csv_files import opened_csv
+from assemblyhands_core.data.json_files import FormatError
 from assemblyhands_core.data.names import checked_component, checked_relative_path
 
 RateHz = Literal[30, 60]
@@ -29,6 +29,8 @@ PAPER_VERBS: Final = ("pick up", "position", "screw", "put down", "remove", "uns
 """The six verbs that the paper classifies."""
 
 MAX_CSV_BYTES: Final = 2**28
+MAX_ROWS: Final = 2**21
+"""Twice as many as the whole data set has, which lists each of 83 thousand segments once for each of twelve views."""
 _SURPLUS: Final = "values beyond the last column"
 _LABELS: Final = ("action_id", "verb_id", "noun_id", "action_cls", "verb_cls", "noun_cls")
 _COLUMNS_60: Final = ("id", "video", "start_frame", "end_frame", *_LABELS, "toy_id", "toy_name", "is_shared")
@@ -218,20 +220,17 @@ def _write(path: Path, columns: Sequence[str], blocks: Iterable[Mapping[str, obj
         writer.writerows(blocks)
 
 
-def _rows(path: Path) -> list[tuple[int, dict[str, str]]]:
-    """Return the rows of a CSV file with the numbers of their lines; too short or long ones have odd values."""
-    try:
-        text = read_bytes(path, MAX_CSV_BYTES).decode("utf-8-sig")
-        reader = csv.DictReader(io.StringIO(text, newline=""), restkey=_SURPLUS, restval="")
+def _rows(path: Path) -> Iterator[tuple[int, dict[str, str]]]:
+    """Yield the rows of a CSV file with the numbers of their lines; too short or long ones have odd values."""
+    with opened_csv(path, MAX_CSV_BYTES, restkey=_SURPLUS, restval="") as reader:
         columns = {"start": "start_frame", "end": "end_frame"}  # as files without labels call them
-        header = [columns.get(name, name) for name in reader.fieldnames or ()]
-        reader.fieldnames = header
-        rows = [(reader.line_num, cast(dict[str, str], row)) for row in reader]
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise FormatError(f"{path}: is no CSV ({error}); get the file again.") from error
-    if missing := [name for name in ("video", "start_frame", "end_frame") if name not in header]:
-        raise FormatError(f"{path}: has no column {', '.join(missing)}; this is no file of fine-grained labels.")
-    return rows
+        reader.fieldnames = [columns.get(name, name) for name in reader.fieldnames or ()]
+        if missing := [name for name in ("video", "start_frame", "end_frame") if name not in reader.fieldnames]:
+            raise FormatError(f"{path}: has no column {', '.join(missing)}; this is no file of fine-grained labels.")
+        for number, row in enumerate(reader):
+            if number == MAX_ROWS:
+                raise FormatError(f"{path}: has more than {MAX_ROWS} rows, which no data set of this kind has.")
+            yield reader.line_num, cast(dict[str, str], row)
 
 
 def _segment(row: Mapping[str, str]) -> Segment:

@@ -112,7 +112,7 @@ def _wrong_with_record(folder: Path, found: list[Record]) -> str:
         return f"it is of another entry, {record.stage}/{record.key}"
     if digest_json(record.parts) != record.key:
         return "what it says the entry was made from has another digest than the entry's key"
-    if odd := [name for name in [*record.outputs, *record.blobs] if Path(name).name != name]:
+    if odd := record.strays:
         return f"it names a file outside its folder, {odd[0]}"
     found.append(record)
     return ""

@@ -13,6 +13,7 @@ _RECORDING: Final = re.compile(
 )
 _STARTED: Final = "%Y-%m-%d_%H%M%S"
 _EGO: Final = re.compile(r"(?:HMC_)?(\d{8})(?:[_:]mono10bit)?", re.ASCII)
+_MAX_PART_BYTES: Final = 120  # half of what file systems take
 _COMPONENT: Final = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,254}", re.ASCII)
 
 
@@ -121,6 +122,12 @@ def checked_relative_path(path: object, what: str) -> str:
     for part in path.split("/"):
         checked_component(part, f"{what} is {kind_of(path)}, in which a part")
     return path
+
+
+def is_file_part(name: str) -> bool:
+    """Return whether a name, in whatever language, can be a part of file names and nothing but that."""
+    is_short = 0 < len(name.encode(errors="replace")) <= _MAX_PART_BYTES
+    return is_short and name.isprintable() and not name.startswith(".") and not {"/", "\\"} & set(name)
 
 
 def _known_serial(name: str) -> str:

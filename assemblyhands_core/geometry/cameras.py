@@ -23,6 +23,9 @@ from jaxtyping import Bool, Float, Float64, Real
 from assemblyhands_core.geometry import transforms
 from assemblyhands_core.geometry.distortion import COEFFICIENT_NAMES, Lens, Pinhole, lens_from_coefficients
 
+MAX_CAMERAS = 1000
+"""Of a rig: some sums over its cameras go over all pairs."""
+
 
 @dataclass(frozen=True, eq=False)
 class Camera:
@@ -60,12 +63,12 @@ class Camera:
         if reason := transforms.reason_not_rigid(pose):
             raise ValueError(f"Camera {self.camera_id}: its pose is refused because {reason}; calibrate it again.")
         numbers = {name: getattr(self, name) for name in (*_POSITIVE, "cx_px", "cy_px")}
-        wrong = [name for name, value in numbers.items() if not np.isfinite(value)]
+        wrong = [name for name, value in numbers.items() if not abs(value) <= transforms.MAX_NUMBER]  # nor is NaN
         wrong += [name for name in _POSITIVE if numbers[name] <= 0]
         if wrong:
             raise ValueError(
                 f"Camera {self.camera_id}: {wrong[0]} is {numbers[wrong[0]]}; "
-                "it must be a finite number, sizes and focal lengths positive: correct the calibration."
+                "it must be a finite number below 1e9, sizes and focal lengths positive: correct the calibration."
             )
 
     @property
@@ -180,7 +183,10 @@ def load_assembly101_calibration(path: str | Path) -> dict[str, Camera]:
     """
     path = Path(path)
     cameras: dict[str, Camera] = {}
-    for index, record in enumerate(_read_records(path)):
+    records = _read_records(path)
+    if len(records) > MAX_CAMERAS:
+        raise ValueError(f"{path}: has {len(records)} records: no rig has more than {MAX_CAMERAS} cameras.")
+    for index, record in enumerate(records):
         block = record.get("Camera", record) if isinstance(record, dict) else record
         if not isinstance(block, dict):
             raise ValueError(
@@ -199,7 +205,9 @@ def load_assembly101_calibration(path: str | Path) -> dict[str, Camera]:
 def _read_records(path: Path) -> list[Any]:
     try:
         document = json.loads(path.read_text(encoding="utf-8"))
-    except (json.JSONDecodeError, UnicodeDecodeError) as error:
+    except RecursionError as error:
+        raise ValueError(f"{path}: its JSON is nested without end: export the calibration again.") from error
+    except ValueError as error:  # also of bytes that are no text, and of numbers with thousands of digits
         raise ValueError(f"{path}: this is no JSON ({error}): export the calibration again.") from error
     records = [document] if isinstance(document, dict) else document
     if not isinstance(records, list) or not records:
@@ -237,15 +245,15 @@ _BLOCK_KEYS = (
 
 def _number(block: Mapping[str, Any], key: str) -> float:
     value = block[key]
-    if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
-        raise ValueError(f"{key} is {value!r} instead of a finite number; correct it or calibrate again.")
+    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= transforms.MAX_NUMBER:
+        raise ValueError(f"{key} is {str(value)[:40]} instead of a finite number; correct it or calibrate again.")
     return float(value)
 
 
 def _pose(value: Any) -> Float64[np.ndarray, "..."]:
     try:
         return np.array(value, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise ValueError("ModelViewMatrix is no 4x4 list of numbers; export the calibration again.") from None
 
 

@@ -6,6 +6,9 @@ from jaxtyping import Float, Float64
 MAX_ORTHONORMALITY_ERROR = 1e-5
 """Largest entry of |R Rᵀ - I| that still passes as a rotation (formats: the reference loader rejects worse)."""
 
+MAX_NUMBER = 1e9
+"""No number of a camera is larger: lengths of 1000 km in mm, and products of such numbers are still finite."""
+
 
 def rigid(rotation: Float[np.ndarray, "3 3"], translation: Float[np.ndarray, "3"]) -> Float64[np.ndarray, "4 4"]:
     """Build `T` with `T @ [x, 1] = [rotation @ x + translation, 1]`; the translation is in the unit of the points."""
@@ -39,6 +42,8 @@ def reason_not_rigid(transform: Float[np.ndarray, "..."]) -> str | None:
         return f"it has shape {transform.shape} instead of (4, 4)"
     if not np.isfinite(transform).all():
         return "it contains NaN or infinity"
+    if np.abs(transform).max() > MAX_NUMBER:
+        return f"it contains {np.abs(transform).max():.2g}, and no number of a pose is larger than {MAX_NUMBER:g}"
     if np.abs(transform[3] - (0.0, 0.0, 0.0, 1.0)).max() > MAX_ORTHONORMALITY_ERROR:
         return f"its last row is {transform[3].tolist()} instead of [0, 0, 0, 1]"
     rotation = transform[:3, :3]

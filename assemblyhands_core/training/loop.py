@@ -152,7 +152,7 @@ def train(task: Task, schedule: Schedule, folder: Path, num_threads: int) -> Out
         logger=_logger(folder),
     )
     last = folder / f"{_LAST}.ckpt"
-    trainer.fit(module, ckpt_path=last if last.is_file() else None)
+    trainer.fit(module, ckpt_path=last if last.is_file() else None, weights_only=True)
     best = torch.load(best_one.best_model_path, map_location="cpu", weights_only=True)["state_dict"]
     task.network.load_state_dict({name.removeprefix("network."): value for name, value in best.items()})
     # From the file, because this process has seen nothing of the training where several devices share it.

@@ -102,5 +102,11 @@ def test_files_that_are_none(tmp_path: Path, content: str, reason: str) -> None:
         read_assembly101_poses(tmp_path / "r.json")
 
 
+def test_no_room_is_made_for_more_frames_than_six_digits_can_name(tmp_path: Path) -> None:
+    (tmp_path / "r.json").write_text(f"[{'0,' * 10**6}0]")
+    with pytest.raises(FormatError, match="expected a JSON list, got a list of 1000001"):
+        read_assembly101_poses(tmp_path / "r.json")
+
+
 def test_a_recording_without_frames(tmp_path: Path) -> None:
     assert len(read_assembly101_poses(_written(tmp_path / "r.json", []))) == 0

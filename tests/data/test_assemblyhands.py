@@ -110,6 +110,18 @@ def test_bad_joints_are_refused(tmp_path: Path, change: Callable[[Any], Any], re
         read_joint_annotations(_dump(tmp_path, document))
 
 
+def test_frames_without_joints_take_no_room(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A megabyte of empty frames would be 100 MB of joints, and many cameras any room at all."""
+    monkeypatch.setattr(np, "full", lambda *_: pytest.fail("made room"))
+    path = _dump(tmp_path, {"annotations": {"r": {f"{frame:06d}": {} for frame in range(1000)}}})
+    with pytest.raises(FormatError, match="1000 entries in all are wrong"):
+        read_joint_annotations(path)
+    K = np.eye(3).tolist()
+    block = {"intrinsics": {f"HMC_{i}": K for i in range(17)}, "extrinsics": {"000002": {}}}
+    with pytest.raises(FormatError, match="has 17 cameras, no headset has more than 16"):
+        read_ego_calibration(_dump(tmp_path, {"calibration": {"r": block}}))
+
+
 def test_invalid_joints_may_be_anything(tmp_path: Path) -> None:
     block = {"world_coord": [[float("nan")] * 3] + [[1, 2, 3]] * 41, "joint_valid": [0] + [1] * 41}
     read = read_joint_annotations(_dump(tmp_path, {"annotations": {"r": {"000002": block}}}))["r"]

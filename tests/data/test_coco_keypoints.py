@@ -61,3 +61,14 @@ def test_odd_files_are_refused(tmp_path: Path, change: dict[str, object], messag
     path.write_text(json.dumps(document))
     with pytest.raises(FormatError, match=message):
         read_coco_keypoints(path)
+
+
+@pytest.mark.parametrize("name", [7, None, "a\x00b.jpg", "\ud800.jpg", "\x1b[2J.jpg"])
+def test_names_of_pictures_are_text_that_can_be_said(tmp_path: Path, name: object) -> None:
+    path = tmp_path / "coco.json"
+    write_coco_keypoints(path, _pictures())
+    document = json.loads(path.read_text())
+    document["images"][0]["file_name"] = name
+    path.write_text(json.dumps(document))
+    with pytest.raises(FormatError, match=r"image 0: its file_name is .*; leave the names of pictures as they are"):
+        read_coco_keypoints(path)

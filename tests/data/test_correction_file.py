@@ -44,6 +44,8 @@ def test_what_is_written_is_read_again(tmp_path: Path) -> None:
     [
         (_line(frame="-1"), "line 2: unknown_frame: '-1'"),
         (_line(frame="1.5"), "unknown_frame"),
+        (_line(frame="9" * 5000), "line 2: unknown_frame: '9"),
+        (_line(hand="a" * 140_000), r"monday.csv: cannot be read as CSV \(field larger than field limit"),
         (_line(hand="Right"), "unknown_hand: 'Right'"),
         (_line(joint="elbow"), "unknown_joint: 'elbow'"),
         (_line(visibility="3"), "unknown_visibility: '3'"),

@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from assemblyhands_core.data import fine_grained
 from assemblyhands_core.data.fine_grained import (
     PAPER_VERBS,
     VERBS,
@@ -148,12 +149,22 @@ def test_a_view_listed_twice_is_named(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("content", "reason"),
     [(b"", "has no column video"), (b"a,b\n1,2\n", "has no column video, start_frame, end_frame"),
-     (b"\xff\xfe", "is no CSV"), (b'video,start,end\n"' + b"x" * 200_000, "is no CSV")],
+     (b"\xff\xfe", "cannot be read as CSV"), (b'video,start,end\n"' + b"x" * 200_000, "cannot be read as CSV")],
 )  # fmt: skip
 def test_files_that_are_none(tmp_path: Path, content: bytes, reason: str) -> None:
     (tmp_path / "a.csv").write_bytes(content)
     with pytest.raises(FormatError, match=f"a.csv.*{reason}"):
         read_fine_grained(tmp_path / "a.csv")
+
+
+def test_rows_are_read_one_by_one_up_to_a_limit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text("video,start_frame,end_frame\n" + "x\n" * 5)
+    monkeypatch.setattr(fine_grained, "MAX_ROWS", 5)
+    assert len(read_fine_grained(path).malformed) == 5
+    monkeypatch.setattr(fine_grained, "MAX_ROWS", 4)
+    with pytest.raises(FormatError, match="has more than 4 rows"):
+        read_fine_grained(path)
 
 
 def test_what_cannot_be_written(tmp_path: Path) -> None:

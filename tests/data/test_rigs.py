@@ -183,6 +183,10 @@ def test_real_assembly101_calibrations_are_read(calibration_dir: Path) -> None:
     assert len(read_calibration(path)) == 12
 
 
+JSON_KEYS = (
+    *("DistortionModel", "ImageSizeX", "ImageSizeY", "fx", "fy", "cx", "cy", "ModelViewMatrix"),
+    *("k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2"),
+)
 NONSENSE = {
     "empty": ("", "is empty; supported are Assembly101 JSON"),
     "blank": (" \n\t", "is empty"),
@@ -216,6 +220,43 @@ NONSENSE = {
     "anipose_size": (toml({"size": [0, 480]}), "camera left.*width_px is 0"),
     "anipose_prism": (toml({"distortions": [0.0] * 8 + [0.1] * 4}), "thin prism"),
     "anipose_twice": (toml({}, {}), "camera left occurs twice"),
+    "anipose_huge_number": (toml({"translation": [10**400, 0, 0]}), "camera left.*translation is .* 3 finite numbers"),
+    "anipose_overflow": (toml({"rotation": [1e308, 1e308, 0.0]}), "camera left.*rotation is .* 3 finite numbers"),
+    "anipose_digits": ("a = " + "9" * 5000, "no well-formed TOML"),
+    "anipose_deep": ("a = " + "[" * 5000, "no well-formed TOML"),
+    "anipose_cameras": (toml(*({"name": f"c{i}"} for i in range(1001))), "1001 tables of cameras"),
+    "giant_pictures": (toml({"size": [1e8, 1e8]}), "camera 'left': no picture has 100000000×100000000 px"),
+    "leaves_its_folder": (toml({"name": "/tmp/left"}), "camera ./tmp/left.: its name becomes part of file names"),
+    "hidden": (toml({"name": ".left"}), "its name becomes part of file names"),
+    "control_characters": (toml({"name": "a\x1b[2J"}), r"camera 'a\\x1b\[2J': its name becomes part"),
+    "qualisys_span": (
+        qualisys({"fov": '<fov_video left="-1e308" top="0" right="1e308" bottom="1"/>'}),
+        "instead of a finite number",
+    ),
+    "json_deep": ("[" * 3000 + "{", "supported are"),
+    "json_deeper": ('[{"a":' + "[" * 50000, "nested without end"),
+    "json_digits": ('[{"a":' + "9" * 5000 + "}]", "this is no JSON"),
+    "json_huge_number": (
+        json.dumps([{"SerialNo": "a", **dict.fromkeys(JSON_KEYS, 10**400)}]),
+        "camera a is refused: .* finite number",
+    ),
+    "json_huge_pose": (
+        json.dumps(
+            [
+                {
+                    "SerialNo": "a",
+                    **dict.fromkeys(JSON_KEYS, 1),
+                    "DistortionModel": "OpenCV",
+                    "k4": 0,
+                    "k5": 0,
+                    "k6": 0,
+                    "ModelViewMatrix": [[10**400]],
+                }
+            ]
+        ),
+        "camera a is refused: ModelViewMatrix is no 4x4",
+    ),
+    "json_cameras": (json.dumps([{}] * 1001), "has 1001 records"),
     "anipose_incomplete": (toml({}).replace("translation", "t"), "camera left is refused: it lacks translation"),
 }
 
@@ -237,7 +278,7 @@ def test_missing_and_huge_files_are_refused_without_reading(tmp_path: Path) -> N
         read_calibration(tmp_path)
     with (tmp_path / "huge.json").open("wb") as file:
         file.truncate(MAX_CALIBRATION_BYTES + 1)
-    with pytest.raises(ValueError, match=r"huge\.json: 64 MiB is no calibration"):
+    with pytest.raises(ValueError, match=r"huge\.json: 4 MiB is no calibration"):
         read_calibration(tmp_path / "huge.json")
 
 

@@ -1,4 +1,5 @@
 import errno
+import json
 import os
 import stat
 from pathlib import Path
@@ -101,6 +102,38 @@ def test_a_flipped_bit_is_found_on_reading(tmp_path: Path) -> None:
     with pytest.raises(DamagedEntry, match="set aside, run again"):
         store.read(record, "films", SPEC)
     assert store.find("film", KEY) is None
+
+
+@pytest.mark.parametrize(
+    "change", [{"stage": "../film"}, {"key": "0" * 64}, {"blobs": {"../a.mp4": 4}}, {"blobs": {"/a": 1}}]
+)
+def test_a_record_that_leads_out_of_its_folder_is_not_believed(tmp_path: Path, change: dict[str, object]) -> None:
+    store = Store(tmp_path)
+    _write(store)
+    path = store.entry("film", KEY) / "record.json"
+    (path.parent.parent / "a.mp4").write_bytes(b"film")
+    path.write_text(json.dumps({**json.loads(path.read_text()), **change}))
+    assert store.find("film", KEY) is None and len(list(store.leftovers())) == 1
+
+
+def test_a_record_without_end_counts_as_damaged(tmp_path: Path) -> None:
+    store = Store(tmp_path)
+    _write(store)
+    (store.entry("film", KEY) / "record.json").write_text('{"a":' * 100_000)
+    assert store.find("film", KEY) is None
+
+
+@pytest.mark.parametrize("name", ["../a.mp4", "/etc/passwd", "..", "b/a.mp4"])
+def test_a_table_that_names_files_outside_its_entry_is_refused(tmp_path: Path, name: str) -> None:
+    store = Store(tmp_path)
+    table = SPEC.build({"frame": [0], "film_file": [name], "reason": [""]})
+    with store.draft("film", PARTS) as draft:
+        record = draft.write({"films": (SPEC, table)}, 1.5)
+    path = store.entry("film", KEY) / "films.parquet"
+    with pytest.raises(OSError, match="column film_file names a file outside"):
+        load(path)
+    with pytest.raises(DamagedEntry, match="column film_file names a file outside"):
+        store.read(record, "films", SPEC)
 
 
 def test_load_reads_a_node_of_the_latest_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -82,7 +82,10 @@ def test_hands_within_a_whole_body_are_found(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("content", "reason"),
     [
-        ("{", "cannot be read as JSON"),
+        ("{", "this is no such JSON"),
+        ("[" * 100_000, "nested without end"),
+        ('{"people": [7]}', "it is no OpenPose output"),
+        ('{"people": [{"pose_keypoints_2d": [1, 2, 1' + "0" * 400 + "]}]}", "no flat list of x, y, confidence"),
         ("{}", "no list 'people'"),
         ('{"people": [{"pose_keypoints_2d": [1, 2, 3]}]}', "has 1 keypoints; known are 17, 18, 25, 26, 133"),
         ('{"people": [{"pose_keypoints_2d": [1, 2]}]}', "no flat list of x, y, confidence"),
@@ -156,6 +159,11 @@ def test_a_bad_parquet_is_named_with_its_reason(tmp_path: Path) -> None:
     (tmp_path / "c.parquet").write_bytes(b"PAR1")
     with pytest.raises(DetectorError, match=r"c\.parquet cannot be read as keypoints with the columns camera, frame"):
         create_body_detector("precomputed", root=tmp_path / "c.parquet")
+    holes = {"camera": ["c"], "frame": [0], "hand": [None], "keypoints_px": [[0.0] * 42], "confidence": [[0.0] * 21]}
+    for table in (holes, {**holes, "hand": ["left"], "keypoints_px": [7]}):
+        pq.write_table(pa.table(table), tmp_path / "d.parquet")
+        with pytest.raises(DetectorError, match=r"d\.parquet cannot be read as keypoints"):
+            create_hand_detector("precomputed", root=tmp_path / "d.parquet")
     with pytest.raises(DetectorError, match="columns camera, frame, person"):
         create_body_detector("precomputed", root=tmp_path / "h.parquet")
 

@@ -115,6 +115,13 @@ def test_two_cameras_of_one_name_are_refused(folder: Path) -> None:
     [
         ("sequence_id,split\ns1,test\n", "has no column calibration, package, videos"),
         (HEADER + "s1,t,a,b,\ns1,t,a,b,\n", "stands in the manifest twice"),
+        (HEADER + "../s1,t,a,b,\n", "'../s1' cannot name a sequence"),
+        (HEADER + "a\\b,t,a,b,\n", "cannot name a sequence"),
+        (HEADER + ".s1,t,a,b,\n", "cannot name a sequence"),
+        (HEADER + "s\x1b[2J,t,a,b,\n", r"'s.x1b\[2J' cannot name a sequence"),
+        (HEADER + "s" * 121 + ",t,a,b,\n", "cannot name a sequence"),
+        (HEADER + "s" * 140_000 + ",t,a,b,\n", r"set.csv: cannot be read as CSV \(field larger than field limit"),
+        (HEADER + "s1,t,a,b,\n" + "\n" * 2**23, r"set.csv: has \d+ bytes, more than the 8388608"),
         (HEADER + "s1,t,c.json,*.mp4,unheard_of\n", "packages.json has no package unheard_of"),
     ],
 )

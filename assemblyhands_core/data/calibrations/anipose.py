@@ -7,9 +7,9 @@ import numpy as np
 import numpy.typing as npt
 
 from assemblyhands_core.data.calibrations import UnknownFormatError
-from assemblyhands_core.geometry.cameras import Camera
+from assemblyhands_core.geometry.cameras import MAX_CAMERAS, Camera
 from assemblyhands_core.geometry.distortion import Lens, Pinhole, lens_from_coefficients
-from assemblyhands_core.geometry.transforms import rigid
+from assemblyhands_core.geometry.transforms import MAX_NUMBER, rigid
 
 LengthUnit = Literal["auto", "mm", "m"]
 
@@ -37,9 +37,11 @@ def parse_anipose(text: str, unit: LengthUnit = "auto") -> dict[str, Camera]:
     """
     try:
         document = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except (ValueError, RecursionError) as error:  # also of numbers with thousands of digits
         raise UnknownFormatError(f"this is no well-formed TOML ({error}); export the calibration again") from error
     tables = {key: table for key, table in document.items() if isinstance(table, dict) and "matrix" in table}
+    if len(tables) > MAX_CAMERAS:
+        raise ValueError(f"it has {len(tables)} tables of cameras: no rig has more than {MAX_CAMERAS}")
     cameras: dict[str, Camera] = {}
     for key, table in tables.items():
         name = str(table.get("name", key))
@@ -97,9 +99,9 @@ def _rotation(vector: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
 def _array(table: dict[str, Any], key: str, shape: tuple[int, ...]) -> npt.NDArray[np.float64]:
     try:
         array = np.array(table[key], dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         array = np.array(np.nan)
-    if array.ndim != len(shape) or (shape != (-1,) and array.shape != shape) or not np.isfinite(array).all():
+    if array.ndim != len(shape) or (shape != (-1,) and array.shape != shape) or not (np.abs(array) <= MAX_NUMBER).all():
         wanted = " x ".join(str(side) for side in shape).replace("-1", "n")
         raise ValueError(
             f"{key} is {str(table[key])[:80]} instead of {wanted} finite numbers; correct it or calibrate again"

@@ -11,7 +11,7 @@ import numpy as np
 from assemblyhands_core.data.calibrations import UnknownFormatError
 from assemblyhands_core.geometry.cameras import Camera
 from assemblyhands_core.geometry.distortion import Lens, Pinhole, lens_from_coefficients
-from assemblyhands_core.geometry.transforms import rigid
+from assemblyhands_core.geometry.transforms import MAX_NUMBER, rigid
 
 _SUBPIXELS = 64.0  # focal lengths and principal points are stored in 1/64 px
 _OUR_AXES_FROM_QUALISYS = np.diag([1.0, -1.0, -1.0])  # theirs: y up, z backward; a turn by π about x
@@ -109,6 +109,6 @@ def _number(element: ElementTree.Element, name: str, default: float | None = Non
         value = float(text if text is not None else "")
     except ValueError:
         value = np.nan
-    if not np.isfinite(value):
+    if not abs(value) <= MAX_NUMBER:
         raise ValueError(f"<{element.tag}> {name} is {text!r} instead of a finite number; calibrate it again")
     return value
