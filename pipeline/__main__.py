@@ -52,7 +52,7 @@ often used parameters
   rig.calibration=PATH   with rig.videos='GLOB' and seq=NAME: a rig of your own
   target=NAME            a node or target to stop at
   rounds=3               how often MVExoNet refines 2D + triangulation; 0: not at all
-  executor=serial        everything in this process, for debuggers (default: local; several machines: ssh, slurm, cluster)
+  executor=serial        all in this process, for debuggers; local (default); ssh, slurm, cluster: several machines
   triangulate.max_reprojection_px=8    any parameter of a stage; --cfg job prints them all
   -m PARAMETER=A,B       a sweep: shared work is done once, a table and a picture at its end; repeat it to go on
 
