@@ -5,6 +5,7 @@ through it. Both the tests of `hypothesis` and `benchmarks/fuzz_readers.py` use 
 """
 
 import json
+import shutil
 import tempfile
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
@@ -45,6 +46,7 @@ from assemblyhands_core.data.tables import TableSpec
 from assemblyhands_core.detectors.precomputed import PrecomputedBody, PrecomputedHands
 from assemblyhands_core.geometry.cameras import Camera
 from assemblyhands_core.geometry.distortion import OpenCVLens, OVFishEye62, Pinhole
+from assemblyhands_core.models import torchvision_operators  # noqa: F401  (before what imports torchvision)
 from pipeline.manifests import select_rows
 
 SIZE_PX = (16, 12)
@@ -277,8 +279,9 @@ def _precomputed(path: Path) -> object:
 def _from_store(path: Path, whole: Mapping[str, bytes]) -> object:
     """Read an entry of a store in which one file is another; what is not whole is set aside."""
     store = Store(path.parent / "work")
+    shutil.rmtree(store.root, ignore_errors=True)
     entry = store.entry("film", digest_json(_PARTS))
-    entry.mkdir(parents=True, exist_ok=True)
+    entry.mkdir(parents=True)
     for name, content in {**whole, path.name: path.read_bytes()}.items():
         (entry / name).write_bytes(content)
     record = store.find("film", entry.name)

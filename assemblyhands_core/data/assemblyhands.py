@@ -252,8 +252,9 @@ def _read_ego(block: Mapping[str, Any], where: str) -> EgoCalibration:
 def _by_frame(blocks: object, where: str) -> dict[int, Any]:
     """Return the entries of a recording by frame, ascending."""
     entries = json_object(blocks, where)
-    if odd := next((key for key in entries if not _KEY.fullmatch(key)), None):
-        raise FormatError(f"{where}: {odd[:40]!r} is no frame; frames are named by six digits.")
+    for key in entries:
+        if not _KEY.fullmatch(key):
+            raise FormatError(f"{where}: {kind_of(key)} is no frame; frames are named by six digits.")
     return {int(key): entries[key] for key in sorted(entries)}
 
 

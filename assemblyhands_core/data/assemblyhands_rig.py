@@ -4,6 +4,7 @@
 three rows of [R|t], world to camera in mm.
 """
 
+import re
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Final
@@ -21,6 +22,7 @@ from assemblyhands_core.hands.joints import BONES, FINGERS, HANDS, NUM_JOINTS
 MAX_TEXT_BYTES: Final = 2**20
 _LINES_PER_CAMERA: Final = 8
 _NO_PARENT: Final = -1
+_NUMBER: Final = re.compile(r"-?\d{1,6}", re.ASCII)
 
 
 def write_exo_calibration(path: Path, cameras: Iterable[Camera]) -> None:
@@ -84,7 +86,7 @@ def read_skeleton(path: Path) -> list[tuple[str, int]]:
         if line.startswith("#"):
             continue
         parts = line.split()
-        if len(parts) != 3 or parts[1] != str(len(joints)) or not parts[2].removeprefix("-").isdecimal():
+        if len(parts) != 3 or parts[1] != str(len(joints)) or not _NUMBER.fullmatch(parts[2]):
             raise FormatError(f"{path}: {line[:60]!r} is not name, {len(joints)} and parent; get the file again.")
         joints.append((parts[0], int(parts[2])))
     return joints

@@ -108,7 +108,7 @@ def read_parquet(path: Path, spec: TableSpec) -> pa.Table:
     """
     try:
         with pq.ParquetFile(path, memory_map=False, page_checksum_verification=True) as file:
-            metadata = file.schema_arrow.metadata or {}
+            metadata = file.metadata.metadata or {}
             found = tuple(metadata.get(key, b"nothing").decode(errors="replace") for key in _DEFINITION)
             if found != (spec.name, str(spec.version)):
                 raise TableError(f"{path} holds table {found[0]} v{found[1]}, wanted {spec.name} v{spec.version}")

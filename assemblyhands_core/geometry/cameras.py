@@ -193,6 +193,8 @@ def load_assembly101_calibration(path: str | Path) -> dict[str, Camera]:
                 f"{path}: record {index} is no JSON object: give one object with a Camera block per camera."
             )
         name = str(block.get("SerialNo", f"record {index}"))
+        if not name.isprintable():
+            raise ValueError(f"{path}: camera {name[:40]!r} has signs in its name that cannot be written: rename it.")
         if name in cameras:
             raise ValueError(f"{path}: camera {name} occurs twice: remove one of its records.")
         try:
@@ -246,7 +248,7 @@ _BLOCK_KEYS = (
 def _number(block: Mapping[str, Any], key: str) -> float:
     value = block[key]
     if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= transforms.MAX_NUMBER:
-        raise ValueError(f"{key} is {str(value)[:40]} instead of a finite number; correct it or calibrate again.")
+        raise ValueError(f"{key} is {repr(value)[:40]} instead of a finite number; correct it or calibrate again.")
     return float(value)
 
 

@@ -92,6 +92,7 @@ def test_frames_are_sorted_and_valid_may_be_a_column_of_flags(tmp_path: Path) ->
         (lambda d: d["annotations"].update({"../../etc": {}}), "a recording is '../../etc'"),
         (lambda d: d["annotations"].update(r=[]), "r: expected a JSON object, got a list of 0"),
         (lambda d: d["annotations"]["r"].update({"2": {}}), "'2' is no frame"),
+        (lambda d: d["annotations"]["r"].update({"": {}}), "'' is no frame"),
         (lambda d: d["annotations"]["r"].update({"-00002": {}}), "'-00002' is no frame"),
         (lambda d: d["annotations"]["r"]["000002"].pop("world_coord"), "frame 000002: lacks 'world_coord'"),
         (lambda d: d["annotations"]["r"]["000002"]["world_coord"].pop(), "expected 42x3 numbers, got a list of 41"),

@@ -18,8 +18,6 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from reader_families import Family, NotOurs, families, outcome
 
-from assemblyhands_core.models import torchvision_operators  # noqa: F401  (before what imports torchvision)
-
 FAMILIES = families()
 JSON_FAMILIES = [name for name, family in FAMILIES.items() if name.endswith(".json")]
 TOKENS = [

@@ -256,6 +256,11 @@ NONSENSE = {
         ),
         "camera a is refused: ModelViewMatrix is no 4x4",
     ),
+    "json_name": ('[{"SerialNo": "a\\ud800"}]', r"camera 'a.ud800' has signs in its name that cannot be written"),
+    "json_word": (
+        json.dumps([{"SerialNo": "a", **dict.fromkeys(JSON_KEYS, "\ud800")}]),
+        r"camera a is refused: k1 is '.ud800' inst",
+    ),
     "json_cameras": (json.dumps([{}] * 1001), "has 1001 records"),
     "anipose_incomplete": (toml({}).replace("translation", "t"), "camera left is refused: it lacks translation"),
 }
