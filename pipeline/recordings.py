@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Final
 
 from assemblyhands_core.data.digests import FileDigests, digest_folder
+from assemblyhands_core.data.json_files import FormatError
 from assemblyhands_core.data.label_rows import FROM_FIRST_KEY
 from assemblyhands_core.data.layout import DatasetLayout
 from assemblyhands_core.data.packages import PackageError, fetch_package
@@ -136,7 +137,11 @@ def select_recordings(config: RunConfig) -> list[Recording]:
         name = checked_name(config.seq)
         found = _recording(name, Path(config.rig.calibration), config.rig.videos)
         return [replace(found, corrections=_existing(corrections_file(config, name)))]
-    return [replace(_from_manifest(row, config), corrections=_corrections(row, config)) for row in select_rows(config)]
+    rows = select_rows(config)
+    try:
+        return [replace(_from_manifest(row, config), corrections=_corrections(row, config)) for row in rows]
+    except FormatError as error:  # a name that would lead out of the data set's folder
+        raise UserError(str(error)) from error
 
 
 def corrections_file(config: RunConfig, sequence_id: str) -> Path | None:

@@ -26,6 +26,7 @@ from assemblyhands_core.data.tables import (
     TableError,
     TableSpec,
     as_written,
+    check_room,
     digest_parquet,
     read_parquet,
     write_parquet,
@@ -311,7 +312,9 @@ def _has_digest(path: Path, digest: str) -> bool:
 
 def _read_verified(path: Path) -> pa.Table:
     """Read a table as it was written, without its definition; a page whose checksum is wrong is an OSError."""
-    table = pq.ParquetFile(path, page_checksum_verification=True).read().replace_schema_metadata(None)
+    with pq.ParquetFile(path, page_checksum_verification=True) as file:
+        check_room(file, path)
+        table = file.read().replace_schema_metadata(None)
     return table.cast(as_written(table.schema))
 
 

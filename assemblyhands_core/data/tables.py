@@ -16,6 +16,9 @@ BLOB_SUFFIX = "_file"
 OUTSIDE = ("image_file",)
 """Of these columns those that name the user's own pictures, by absolute paths."""
 _DEFINITION = (b"table", b"table_version")
+MAX_DENSE_BYTES = 2**30
+"""However well it is packed, a table may unpack to so much."""
+_MAX_PACKING, _VALUE_BYTES = 100, 8
 _BLOCK_BYTES = 32 << 20  # of a table that is digested at once
 _COMPRESSION: Literal["zstd"] = "zstd"
 
@@ -112,11 +115,24 @@ def read_parquet(path: Path, spec: TableSpec) -> pa.Table:
             found = tuple(metadata.get(key, b"nothing").decode(errors="replace") for key in _DEFINITION)
             if found != (spec.name, str(spec.version)):
                 raise TableError(f"{path} holds table {found[0]} v{found[1]}, wanted {spec.name} v{spec.version}")
+            check_room(file, path)
             if odd := set(file.schema_arrow.names) ^ set(spec.schema.names):
                 raise TableError(f"{path} is table {spec.name} but for its columns {', '.join(sorted(odd))[:200]}")
             return spec.check(file.read().cast(spec.schema))
     except (OSError, pa.ArrowException) as error:
         raise TableError(f"{path} cannot be read as Parquet ({error})") from error
+
+
+def check_room(file: pq.ParquetFile, path: Path) -> None:
+    """Refuse a small file that unpacks to gigabytes: a column of one value a billion times takes a few kilobytes.
+
+    Raises:
+        TableError: it declares as many values.
+    """
+    groups = map(file.metadata.row_group, range(file.metadata.num_row_groups))
+    declared = sum(_VALUE_BYTES * group.column(i).num_values for group in groups for i in range(group.num_columns))
+    if declared > max(MAX_DENSE_BYTES, _MAX_PACKING * path.stat().st_size):
+        raise TableError(f"{path} has {path.stat().st_size} bytes and declares {declared}; no table packs so well")
 
 
 def digest_parquet(path: Path) -> str:

@@ -11,6 +11,7 @@ import pyarrow.parquet as pq
 from jaxtyping import Float64
 
 from assemblyhands_core.data.json_files import FormatError, read_json_object
+from assemblyhands_core.data.tables import TableError, check_room
 from assemblyhands_core.detectors.base import DetectorError, from_wrist_first
 from assemblyhands_core.hands.body import NUM_BODY_KEYPOINTS
 from assemblyhands_core.hands.joints import HANDS, NUM_JOINTS, Hand
@@ -93,6 +94,8 @@ class ParquetKeypoints:
     def __init__(self, path: Path, kind: str, num_keypoints: int) -> None:
         self._kind = kind
         try:
+            with pq.ParquetFile(path) as file:
+                check_room(file, path)
             table = pq.read_table(path, columns=["camera", "frame", kind, "keypoints_px", "confidence"])
             if any(table[name].null_count for name in table.column_names):
                 raise pa.ArrowInvalid("there are holes in it")
@@ -103,7 +106,7 @@ class ParquetKeypoints:
                 ],
                 axis=-1,
             )
-        except (pa.ArrowException, OSError, TypeError) as error:
+        except (pa.ArrowException, OSError, TypeError, TableError) as error:
             raise DetectorError(
                 f"{path} cannot be read as keypoints with the columns camera, frame, {kind}, keypoints_px and "
                 f"confidence: {error}"

@@ -81,7 +81,9 @@ def test_skeleton_of_both_hands(tmp_path: Path) -> None:
     assert parents == (*expected, *np.where(expected < 0, -1, expected + 21))
 
 
-@pytest.mark.parametrize("text", ["r_wrist 0", "r_wrist 1 -1", "r_wrist 0 x", "r wrist 0 -1"])
+@pytest.mark.parametrize(
+    "text", ["r_wrist 0", "r_wrist 1 -1", "r_wrist 0 x", f"r_wrist 0 {'9' * 5000}", "r wrist 0 -1"]
+)
 def test_bad_skeletons_are_refused(tmp_path: Path, text: str) -> None:
     (tmp_path / "skeleton.txt").write_text(text)
     with pytest.raises(FormatError, match="is not name, 0 and parent"):

@@ -5,7 +5,11 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from assemblyhands_core.data import tables
+from assemblyhands_core.data.store import load
 from assemblyhands_core.data.tables import TableError, TableSpec, digest_parquet, read_parquet, write_parquet
+from assemblyhands_core.detectors.base import DetectorError
+from assemblyhands_core.detectors.precomputed import PrecomputedHands
 from assemblyhands_core.hands.joints import JOINT_NAMES
 
 SPEC = TableSpec(
@@ -35,6 +39,30 @@ def test_the_file_says_what_it_is_and_splits_float_bytes(tmp_path: Path) -> None
     assert metadata[b"joint_order"].decode().split(",") == list(JOINT_NAMES) and metadata[b"unit"] == b"mm"
     column = file.metadata.row_group(0).column(1)
     assert "BYTE_STREAM_SPLIT" in column.encodings and column.compression == "ZSTD"
+
+
+def test_a_small_file_that_unpacks_to_gigabytes_is_not_unpacked(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, spec = tmp_path / "t.parquet", TableSpec("a", 1, ("x",), pa.schema([("x", pa.int64())]))
+    part = pa.table({"x": np.zeros(2**20, dtype=np.int64)}).replace_schema_metadata(
+        {"table": "a", "table_version": "1"}
+    )
+    with pq.ParquetWriter(path, part.schema) as writer:
+        for _ in range(129):
+            writer.write_table(part)
+    assert path.stat().st_size < 10**6
+    monkeypatch.setattr(pq.ParquetFile, "read", lambda *_: pytest.fail("unpacked"))
+    monkeypatch.setattr(pq, "read_table", lambda *_, **__: pytest.fail("unpacked"))
+    with pytest.raises(TableError, match=r"t\.parquet has \d+ bytes and declares 1082130432; no table packs so well"):
+        read_parquet(path, spec)
+    with pytest.raises(OSError, match="no table packs so well"):
+        load(path)
+    with pytest.raises(DetectorError, match="no table packs so well"):
+        PrecomputedHands(path)
+    monkeypatch.setattr(tables, "MAX_DENSE_BYTES", 2**31)
+    with pytest.raises(pytest.fail.Exception, match="unpacked"):
+        read_parquet(path, spec)
 
 
 def test_pandas_stacks_it_directly(tmp_path: Path) -> None:

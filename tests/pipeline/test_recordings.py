@@ -131,6 +131,13 @@ def test_a_wrong_manifest_is_named(tmp_path: Path, text: str, message: str) -> N
         select_recordings(_config(tmp_path, "s1"))
 
 
+@pytest.mark.parametrize("row", ["s 1é,test", "s1,../../etc", "s1,/etc"])
+def test_rows_of_the_release_cannot_lead_out_of_its_folder(tmp_path: Path, row: str) -> None:
+    (tmp_path / "set.csv").write_text(f"{HEADER}{row.replace(' ', '')},,,assemblyhands\n")
+    with pytest.raises(UserError, match=r"a (recording|split) is .*: it becomes part of file names"):
+        select_recordings(_config(tmp_path, "all", release=tmp_path))
+
+
 def test_a_manifest_that_is_not_there_is_named(tmp_path: Path) -> None:
     with pytest.raises(UserError, match="names no file"):
         select_recordings(_config(tmp_path, "s1"))
