@@ -35,7 +35,7 @@ EGO_SIZE_PX: Final = (636, 480)
 RECTIFIED_FOCAL_SCALE: Final = 0.7
 """Focal length of the release's rectified egocentric images, as a factor on the fisheye's (formats 2.5)."""
 
-_MAX_CAMERAS: Final = 16
+_MAX_CAMERAS: Final = 8
 _KEY: Final = re.compile(r"\d{6}", re.ASCII)
 
 
@@ -235,7 +235,8 @@ def _read_ego(block: Mapping[str, Any], where: str) -> EgoCalibration:
     for index, (name, value) in enumerate(intrinsics.items()):
         place = f"{where}, intrinsics of {name}"
         matrices[index] = checked_intrinsics(numbers(value, (3, 3), place), place)
-    frames = _by_frame(member(block, "extrinsics", where), f"{where}, extrinsics")
+    found = _by_frame(member(block, "extrinsics", where), f"{where}, extrinsics")
+    frames = {frame: cameras for frame, cameras in found.items() if cameras != {}}  # as if the file lacked the others
     poses = np.full((len(frames), len(camera_ids), 4, 4), np.nan)
     with counted_problems() as problems:
         for index, (frame, cameras) in enumerate(frames.items()):

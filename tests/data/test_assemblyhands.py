@@ -118,9 +118,13 @@ def test_frames_without_joints_take_no_room(tmp_path: Path, monkeypatch: pytest.
     with pytest.raises(FormatError, match="1000 entries in all are wrong"):
         read_joint_annotations(path)
     K = np.eye(3).tolist()
-    block = {"intrinsics": {f"HMC_{i}": K for i in range(17)}, "extrinsics": {"000002": {}}}
-    with pytest.raises(FormatError, match="has 17 cameras, no headset has more than 16"):
+    block = {"intrinsics": {f"HMC_{i}": K for i in range(9)}, "extrinsics": {"000002": {}}}
+    with pytest.raises(FormatError, match="has 9 cameras, no headset has more than 8"):
         read_ego_calibration(_dump(tmp_path, {"calibration": {"r": block}}))
+    block = {"intrinsics": {"HMC_1": K}, "extrinsics": {"000002": {}, "000004": {"HMC_1": np.eye(4)[:3].tolist()}}}
+    monkeypatch.undo()
+    ego = read_ego_calibration(_dump(tmp_path, {"calibration": {"r": block}}))["r"]
+    assert ego.frames_60hz.tolist() == [4] and ego.poses_at(2) == {} and list(ego.poses_at(4)) == ["HMC_1"]
 
 
 def test_invalid_joints_may_be_anything(tmp_path: Path) -> None:

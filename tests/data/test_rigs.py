@@ -224,6 +224,7 @@ NONSENSE = {
     "anipose_overflow": (toml({"rotation": [1e308, 1e308, 0.0]}), "camera left.*rotation is .* 3 finite numbers"),
     "anipose_digits": ("a = " + "9" * 5000, "no well-formed TOML"),
     "anipose_deep": ("a = " + "[" * 5000, "no well-formed TOML"),
+    "anipose_dots": ("a" + ".a" * 2_000_000 + " = 1", "a line of more than 1000 dots"),
     "anipose_cameras": (toml(*({"name": f"c{i}"} for i in range(1001))), "1001 tables of cameras"),
     "giant_pictures": (toml({"size": [1e8, 1e8]}), "camera 'left': no picture has 100000000×100000000 px"),
     "leaves_its_folder": (toml({"name": "/tmp/left"}), "camera ./tmp/left.: its name becomes part of file names"),

@@ -15,6 +15,7 @@ LengthUnit = Literal["auto", "mm", "m"]
 
 _KEYS = ("size", "matrix", "distortions", "rotation", "translation")
 _OPENCV_ORDER = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
+_MAX_DOTS = 1000  # the parser takes quadratic time for keys like a.a.a.a
 _MAX_RIG_SIZE = 100.0  # cameras nearer together than 100 mm, or farther apart than 100 m, are no rig of this program
 
 
@@ -35,6 +36,8 @@ def parse_anipose(text: str, unit: LengthUnit = "auto") -> dict[str, Camera]:
     Raises:
         ValueError: No TOML, a camera that is incomplete, double, fisheye, not finite or not rigid, or an unclear unit.
     """
+    if any(line.count(".") > _MAX_DOTS for line in text.splitlines()):
+        raise UnknownFormatError(f"it has a line of more than {_MAX_DOTS} dots, which no calibration has")
     try:
         document = tomllib.loads(text)
     except (ValueError, RecursionError) as error:  # also of numbers with thousands of digits
