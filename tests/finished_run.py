@@ -8,6 +8,7 @@ from typing import Any, Final
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
+from files_beside import files_beside
 
 from assemblyhands_core.data.camera_rows import camera_to_row, missing_camera_row
 from assemblyhands_core.data.catalog import CROPS, HAND_BOXES, JOINTS, KEYPOINTS, RECTIFIED_VIEWS, ROUNDS, VIEWS
@@ -119,7 +120,7 @@ def _write_metrics(node: Path, cells: Sequence[Cell]) -> None:
 def write_table(path: Path, spec: TableSpec, table: pa.Table) -> None:
     """Write a table where a run would have it."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    write_parquet(path, table, spec, {})
+    write_parquet(path, files_beside(table, path.parent), spec, {})
 
 
 def _joints(x_mm: float, number: int) -> dict[str, Any]:

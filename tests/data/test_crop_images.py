@@ -97,6 +97,24 @@ def test_a_jpeg_of_very_many_scans_is_refused() -> None:
         decode_image(data[:-2] + 100 * scan + data[-2:])
 
 
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        (lambda png: png[:-1], "a PNG that is cut off"),
+        (lambda png: png[:33] + b"\xe0" + png[34:], "a PNG that is cut off"),  # a chunk of 3.7 GB, found by the fuzzer
+        (lambda png: png[:33] + b"\0\0\0\x08acTL" + bytes(12) + png[33:], "an animated PNG"),
+    ],
+)
+def test_a_png_whose_chunks_are_not_there_is_not_decoded(
+    change: Callable[[bytes], bytes], reason: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    png = cv2.imencode(".png", _flag())[1].tobytes()
+    assert decode_image(png).shape == (32, 16, 3)
+    monkeypatch.setattr(cv2, "imdecode", lambda *_: pytest.fail("decoded"))
+    with pytest.raises(ValueError, match=reason):
+        decode_image(change(png))
+
+
 @pytest.mark.parametrize("suffix", [".bmp", ".webp", ".tiff", ".ppm"])
 def test_only_jpeg_and_png_are_decoded_though_opencv_knows_more(suffix: str) -> None:
     data = cv2.imencode(suffix, _flag())[1].tobytes()

@@ -65,6 +65,18 @@ def test_a_small_file_that_unpacks_to_gigabytes_is_not_unpacked(
         read_parquet(path, spec)
 
 
+@pytest.mark.parametrize("harmed", [b"poses", b"frame", b"table_version"])
+def test_words_that_are_no_text_are_refused(tmp_path: Path, harmed: bytes) -> None:
+    path = tmp_path / "t.parquet"
+    write_parquet(path, _poses(), SPEC, {"stage": "s"})
+    path.write_bytes(path.read_bytes().replace(harmed, b"\xfe" + harmed[1:]))
+    with pytest.raises(TableError, match=r"t\.parquet"):
+        read_parquet(path, SPEC)
+    if harmed == b"frame":
+        with pytest.raises(OSError, match=r"t\.parquet cannot be read"):
+            load(path)
+
+
 def test_pandas_stacks_it_directly(tmp_path: Path) -> None:
     write_parquet(tmp_path / "t.parquet", _poses(), SPEC, {})
     frame = pq.read_table(tmp_path / "t.parquet").to_pandas()

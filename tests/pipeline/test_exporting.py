@@ -7,6 +7,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from files_beside import files_beside
 from headset import CHUNK, NUM_FRAMES, RECORDING, UNDISTORTED, annotation, hands_before, heads, ingested, write_headset
 
 from assemblyhands_core.data import ego_boxes
@@ -59,7 +60,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, np.ndarray, di
     ):
         (run / node / name).mkdir(parents=True)
         (run / node / "manifest.json").write_text(json.dumps({"tables": [name]}))
-        pq.write_table(table, run / node / name / "all.parquet")
+        pq.write_table(files_beside(table, run / node / name), run / node / name / "all.parquet")
     (run / "run.json").write_text('{"command": "export"}')
     recording = Recording(RECORDING, None, {}, split="train")
     return export(run, [recording], 3), joints, tables
