@@ -12,6 +12,7 @@ MAX_PIXELS: Final = 2**26
 """Of a picture or a frame of a video: twice those of 8K."""
 _MAX_SCANS: Final = 100  # of a progressive JPEG; encoders write about ten
 _PNG_START: Final = b"\x89PNG\r\n\x1a\n\x00\x00\x00\rIHDR"
+_FILM_CHUNKS: Final = frozenset({b"acTL", b"fcTL", b"fdAT"})
 _JPEG_START: Final = b"\xff\xd8\xff"
 _START_OF_SCAN: Final = 0xDA
 _FRAME_HEADERS: Final = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
@@ -26,6 +27,7 @@ def declared_size(data: bytes) -> tuple[int, int]:
     """
     if data.startswith(_PNG_START) and len(data) >= len(_PNG_START) + 8:
         width, height = struct.unpack_from(">II", data, len(_PNG_START))
+        _check_chunks(data)
     elif data.startswith(_JPEG_START):
         width, height = _jpeg_size(data)
     else:
@@ -38,6 +40,20 @@ def declared_size(data: bytes) -> tuple[int, int]:
 def is_possible(width_px: int, height_px: int) -> bool:
     """Return whether a picture of this size is worth room."""
     return 0 < width_px <= MAX_SIDE_PX and 0 < height_px <= MAX_SIDE_PX and width_px * height_px <= MAX_PIXELS
+
+
+def _check_chunks(data: bytes) -> None:
+    """Refuse what makes OpenCV set room aside for gigabytes: chunks longer than the file, and films."""
+    place, kind = 8, b""
+    while kind != b"IEND":
+        if place + 12 > len(data):
+            raise ValueError("a PNG that is cut off")
+        length, kind = struct.unpack_from(">I4s", data, place)
+        if kind in _FILM_CHUNKS:
+            raise ValueError("an animated PNG")
+        place += 12 + length
+    if place > len(data):
+        raise ValueError("a PNG that is cut off")
 
 
 def _jpeg_size(data: bytes) -> tuple[int, int]:

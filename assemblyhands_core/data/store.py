@@ -245,7 +245,7 @@ def _load_file(file: Path) -> pa.Table:
     try:
         table = _read_verified(real)
         return _absolute(table, [name for name in table.schema.names if name.endswith(BLOB_SUFFIX)], real.parent)
-    except (OSError, pa.ArrowException, TableError) as error:
+    except (OSError, pa.ArrowException, TableError, UnicodeDecodeError) as error:
         raise OSError(f"{file} cannot be read ({error}); run the command that made it again") from error
 
 

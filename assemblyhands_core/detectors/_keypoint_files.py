@@ -106,7 +106,7 @@ class ParquetKeypoints:
                 ],
                 axis=-1,
             )
-        except (pa.ArrowException, OSError, TypeError, TableError) as error:
+        except (pa.ArrowException, OSError, TypeError, TableError, UnicodeDecodeError) as error:
             raise DetectorError(
                 f"{path} cannot be read as keypoints with the columns camera, frame, {kind}, keypoints_px and "
                 f"confidence: {error}"
