@@ -315,6 +315,7 @@ def _read_verified(path: Path) -> pa.Table:
     with pq.ParquetFile(path, page_checksum_verification=True) as file:
         check_room(file, path)
         table = file.read().replace_schema_metadata(None)
+    table.validate(full=True)
     return table.cast(as_written(table.schema))
 
 

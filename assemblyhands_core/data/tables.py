@@ -118,7 +118,9 @@ def read_parquet(path: Path, spec: TableSpec) -> pa.Table:
             check_room(file, path)
             if odd := set(file.schema_arrow.names) ^ set(spec.schema.names):
                 raise TableError(f"{path} is table {spec.name} but for its columns {', '.join(sorted(odd))[:200]}")
-            return spec.check(file.read().cast(spec.schema))
+            table = file.read().cast(spec.schema)
+        table.validate(full=True)  # texts may be no text
+        return spec.check(table)
     except (OSError, pa.ArrowException, UnicodeDecodeError) as error:
         raise TableError(f"{path} cannot be read as Parquet ({error})") from error
 

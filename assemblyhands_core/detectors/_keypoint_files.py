@@ -97,6 +97,7 @@ class ParquetKeypoints:
             with pq.ParquetFile(path) as file:
                 check_room(file, path)
             table = pq.read_table(path, columns=["camera", "frame", kind, "keypoints_px", "confidence"])
+            table.validate(full=True)
             if any(table[name].null_count for name in table.column_names):
                 raise pa.ArrowInvalid("there are holes in it")
             self._values = np.concatenate(

@@ -77,6 +77,22 @@ def test_words_that_are_no_text_are_refused(tmp_path: Path, harmed: bytes) -> No
             load(path)
 
 
+def test_texts_that_are_no_text_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "t.parquet"
+    odd = pa.array([b"\xfe", b"", b""]).view(pa.string())
+    table = _poses().set_column(2, "reason", odd)
+    pq.write_table(table.replace_schema_metadata({"table": "poses", "table_version": "2"}), path)
+    with pytest.raises(TableError, match=r"t\.parquet cannot be read as Parquet"):
+        read_parquet(path, SPEC)
+    with pytest.raises(OSError, match=r"t\.parquet cannot be read"):
+        load(path)
+    hands = {"camera": odd, "frame": [0] * 3, "hand": ["left"] * 3}
+    hands |= {"keypoints_px": [[0.0] * 42] * 3, "confidence": [[0.0] * 21] * 3}
+    pq.write_table(pa.table(hands), path)
+    with pytest.raises(DetectorError, match=r"t\.parquet cannot be read as keypoints"):
+        PrecomputedHands(path)
+
+
 def test_pandas_stacks_it_directly(tmp_path: Path) -> None:
     write_parquet(tmp_path / "t.parquet", _poses(), SPEC, {})
     frame = pq.read_table(tmp_path / "t.parquet").to_pandas()
