@@ -92,6 +92,7 @@ class RunConfig(_Model):
     check_space: bool = True
     other: str = ""
     ego_network: Literal["shipped", "trained"] = "shipped"
+    ego_labels: tuple[Literal["manual", "automatic", "both"], ...] = ("both",)
     rounds: int = Field(ge=0, le=9)
     rig: RigConfig
     executor: ExecutorConfig
@@ -139,7 +140,7 @@ def check_config(composed: DictConfig) -> RunConfig:
     classes = {node.stage.name: node.stage.config for node in build_dag().nodes.values()}
     stages = {name: _validate(cls, values.pop(name), f"{name}.") for name, cls in classes.items()}
     config: RunConfig = _validate(RunConfig, values, "")
-    dag = build_dag(config.rounds, config.ego_network == "trained")
+    dag = build_dag(config.rounds, config.ego_network == "trained", config.ego_labels)
     config._dag, config._stages = dag, stages
     known = [*dag.targets, *dag.nodes]
     if config.target not in known:

@@ -1,9 +1,10 @@
 """The whole way of the data."""
 
+from collections.abc import Sequence
 from typing import Final
 
 from pipeline.annotation_dag import add_annotation, add_results, add_rounds
-from pipeline.egocentric_dag import EGO_NETWORKS, add_egocentric
+from pipeline.egocentric_dag import ALL_LABELS, EGO_NETWORKS, add_egocentric
 from pipeline.evaluation_dag import add_evaluations
 from pipeline.graph import Dag
 from pipeline.studio_dag import add_studio
@@ -14,13 +15,14 @@ LOOKING_TARGETS: Final = frozenset({"doctor"})
 """They make nothing that anyone would go on with."""
 
 
-def build_dag(num_rounds: int = 3, is_ego_trained: bool = False) -> Dag:
+def build_dag(num_rounds: int = 3, is_ego_trained: bool = False, ego_labels: Sequence[str] = (ALL_LABELS,)) -> Dag:
     """Return the whole pipeline; its annotation is that of the last round, 2D + triangulation without any.
 
     Args:
         num_rounds: How often the annotation is refined.
         is_ego_trained: Whether hands in the headset's pictures are found by the SVEgoNet that the run itself trains on
             all its labels, instead of the shipped one.
+        ego_labels: For which of `EGO_NETWORKS` the target ``all`` has a network of its own.
     """
     dag = Dag()
     add_studio(dag)
@@ -52,7 +54,8 @@ def build_dag(num_rounds: int = 3, is_ego_trained: bool = False) -> Dag:
         "train_verbs": ("own_verb_table", "own_verb_table_manual"),
         "all": (
             *("quality", "overlay", *evaluations, "evaluation_bound"),
-            *("svegonet_both", "ego_evaluation_both", judged_ego, "ego_sheet"),
+            *(f"{node}_{labels}" for labels in ego_labels for node in ("svegonet", "ego_evaluation")),
+            *(judged_ego, "ego_sheet"),
             *("evaluation_ego_only", "evaluation_ego_only_manual"),
             *("verb_table", "verb_table_manual", "own_verb_table", "own_verb_table_manual"),
         ),

@@ -20,7 +20,8 @@ from stages import (
 )
 from stages._contract import Stage
 
-EGO_NETWORKS: Final = ("manual", "automatic", "both")
+ALL_LABELS: Final = "both"
+EGO_NETWORKS: Final = ("manual", "automatic", ALL_LABELS)
 """By which labels they learn: people's, ours, or either (paper, Table 4)."""
 
 

@@ -141,10 +141,16 @@ def _of_round(rounds: pd.DataFrame) -> str:
 
 
 def print_weights(console: Console, run: Path) -> None:
-    """Print where a training left its weights."""
+    """Print where trainings left their weights, and which had nothing to learn from."""
+    untrained = []
     for path in sorted(run.glob("*/weights/*.parquet")):
-        for row in pq.read_table(path.resolve()).to_pylist():
+        rows = pq.read_table(path.resolve()).to_pylist()
+        untrained += [] if rows else [path.parts[-3]]
+        for row in rows:
             say(console, f"weights: {row['network']} in {path.resolve().parent / row['weights_file']}")
+    if untrained:
+        needed = "no sequence of split train, or manual_train with people's labels, has what they learn from"
+        say(console, f"not trained, as {needed}: {', '.join(untrained)}")
 
 
 def print_keypoints(console: Console, run: Path) -> None:

@@ -28,11 +28,13 @@ class ClassifyVerbsConfig(StageConfig):
 
 
 def run(config: ClassifyVerbsConfig, inputs: Tables, context: Context) -> Tables:
-    """Classify the segments of one sequence; where no pose was seen there is no prediction.
+    """Classify the segments of one sequence; where no pose was seen, or no network was trained, is no prediction.
 
     Raises:
         ValueError: The network was trained for clips of another rate or graph, or its file does not say for what.
     """
+    if not inputs["weights"].num_rows:
+        return {"predictions": VERB_PREDICTIONS.empty()}
     given = clips_of(inputs["clips"])
     segments = [segment for segment, _ in given]
     clips = [_noisy(clip, config, f"{one.recording} {one.number}") for one, clip in given]

@@ -80,7 +80,7 @@ def test_manifests_have_the_stated_sizes_and_no_name_twice() -> None:
     sets = {name: _manifest(name) for name in ("tiny", "small", "test", "desktop", "full")}
     assert {name: len(rows) for name, rows in sets.items()} == {
         "tiny": 2,
-        "small": 12,
+        "small": 26,
         "test": 10,
         "desktop": 3,
         "full": 86,

@@ -91,6 +91,10 @@ def test_where_nothing_was_seen_there_is_no_prediction(weights: pa.Table) -> Non
     assert nothing["predicted"].to_pylist() == [""]
 
 
+def test_a_network_that_was_not_trained_says_nothing() -> None:
+    assert _run(moving_table("s", 4), WEIGHTS.empty()).num_rows == 0
+
+
 def test_the_pose_error_is_the_mean_distance_with_wrists_at_the_origin(weights: pa.Table) -> None:
     true = moving_clip("screw", 1)
     everywhere = PoseClip(true.nodes_mm + np.float32(500.0), true.observed, true.is_interpolated, true.graph)
