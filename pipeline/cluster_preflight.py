@@ -4,14 +4,16 @@ import importlib.metadata
 import platform
 import uuid
 from collections import defaultdict
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any, Final
 
 from assemblyhands_core.data.digests import digest_file, digest_json
 from pipeline.config import CONF_FOLDER, UserError
 from pipeline.remote_workers import GPU, RemoteWorkers
+from pipeline.tasks import Result, Task, run_task
 
 _PACKAGES: Final = (
     "numpy",
@@ -58,7 +60,7 @@ def check_cluster(workers: RemoteWorkers, workspace: Path, needs_gpu: bool) -> N
     probe.mkdir(parents=True)
     try:
         found = _answers(client.run(_facts, probe, on_error="return"), names)
-        _check_versions({name: facts.versions for name, facts in found.items()})
+        _check_versions(versions(), {name: facts.versions for name, facts in found.items()})
         _check_shared(client, probe, found, names)
     finally:
         for path in probe.glob("*"):
@@ -77,6 +79,25 @@ def versions() -> dict[str, str]:
         except importlib.metadata.PackageNotFoundError:
             found[package] = "not installed"
     return found
+
+
+def run_alike(here: Mapping[str, str], task: Task, upstream: Mapping[str, Sequence[Result]]) -> Result:
+    """Run a task on a worker, which may have come after the others were looked at.
+
+    Args:
+        here: `versions` of the machine that asks.
+        task, upstream: as for `run_task`.
+
+    Raises:
+        UserError: the worker's versions are others.
+    """
+    _check_versions(here, {platform.node(): _versions_of_process()})
+    return run_task(task, upstream)
+
+
+@cache
+def _versions_of_process() -> dict[str, str]:
+    return versions()
 
 
 def _facts(probe: Path, dask_worker: Any) -> Facts:
@@ -130,8 +151,7 @@ def _check_threads(infos: Mapping[str, Any], names: Mapping[str, str]) -> None:
             )
 
 
-def _check_versions(found: Mapping[str, Mapping[str, str]]) -> None:
-    here = versions()
+def _check_versions(here: Mapping[str, str], found: Mapping[str, Mapping[str, str]]) -> None:
     differences = defaultdict(list)
     for name, there in found.items():
         for package, version in here.items():

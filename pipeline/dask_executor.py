@@ -7,12 +7,13 @@ task that lost two workers is run once more with nothing beside it before it cou
 
 import itertools
 from collections import Counter, deque
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError
 from contextlib import suppress
 from queue import Empty, SimpleQueue
 from typing import Any
 
+from pipeline.config import UserError
 from pipeline.interrupts import check_interrupted
 from pipeline.task_queue import Promise, TaskQueue
 from pipeline.tasks import Result, Task, run_task
@@ -24,10 +25,16 @@ _POLL_S = 0.1  # how often one looks whether the user wants to stop, or everybod
 
 
 class DaskExecutor:
-    """Gives each worker one task at a time; a task becomes ready as soon as its own inputs are there."""
+    """Gives each worker one task at a time; a task becomes ready as soon as its own inputs are there.
 
-    def __init__(self, workers: Workers, token: str) -> None:
-        self._workers, self._token = workers, token
+    Args:
+        workers: Who works.
+        token: No other run has it.
+        run: What a worker calls for a task; a `UserError` of it ends the run.
+    """
+
+    def __init__(self, workers: Workers, token: str, run: Callable[..., Result] = run_task) -> None:
+        self._workers, self._token, self._run = workers, token, run
         self._ended: SimpleQueue[Any] = SimpleQueue()  # futures, in the order in which they end
         self._numbers = itertools.count()
         self._queue = TaskQueue()
@@ -43,7 +50,7 @@ class DaskExecutor:
         """Yield results as they come.
 
         Raises:
-            UserError: if workers die faster than they work.
+            UserError: if workers die faster than they work, or one of them cannot work for this run.
             KeyboardInterrupt: if the user wants to stop.
         """
         while self._fill():
@@ -78,7 +85,7 @@ class DaskExecutor:
         key = f"{promise.task.node.name}-{promise.task.shard}-{self._token}-{next(self._numbers)}"
         # Others than those at the place take it only when all of these are lost.
         there = {} if place.addresses is None else {"workers": place.addresses, "allow_other_workers": True}
-        future = self._workers.client.submit(run_task, promise.task, promise.inputs(), key=key, pure=False, **there)
+        future = self._workers.client.submit(self._run, promise.task, promise.inputs(), key=key, pure=False, **there)
         self._running[key] = promise, place.name
         future.add_done_callback(self._ended.put)
 
@@ -94,6 +101,8 @@ class DaskExecutor:
             self._queue.put_back(promise)
             return None
         error = future.exception()
+        if isinstance(error, UserError):
+            raise error
         if isinstance(error, KilledWorker) and promise not in self._on_trial:
             self._suspects.append(promise)
             return None

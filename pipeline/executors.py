@@ -3,10 +3,11 @@
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Protocol
 
-from pipeline.cluster_preflight import check_cluster
+from pipeline.cluster_preflight import check_cluster, run_alike, versions
 from pipeline.dask_executor import DaskExecutor
 from pipeline.executor_config import ExecutorConfig, LocalConfig
 from pipeline.local_cluster import local_workers
@@ -69,4 +70,4 @@ def open_executor(config: ExecutorConfig, workspace: Path, token: str) -> Iterat
         return
     with remote_workers(config, workspace) as others:
         check_cluster(others, workspace, config.needs_gpu)
-        yield DaskExecutor(others, token)
+        yield DaskExecutor(others, token, partial(run_alike, versions()))

@@ -4,6 +4,7 @@ Whoever can reach a scheduler or worker of Dask can run programs on it, so every
 certificate, which is made for the run.
 """
 
+import asyncio
 import logging
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -16,7 +17,8 @@ from pipeline.remote_workers import RemoteWorkers
 from pipeline.slurm_cluster import slurm_cluster
 from pipeline.ssh_cluster import ssh_cluster
 
-_CONNECT_S: Final = 30
+_CONNECT_S: Final = 30.0
+_ANSWER_S: Final = _CONNECT_S + 5.0  # connecting may take the former by itself
 
 
 @contextmanager
@@ -53,14 +55,23 @@ def _connected(config: ClusterConfig) -> Iterator[Any]:
     assert config.scheduler is not None
     security = _security(config.tls) if config.scheduler.startswith("tls") else None
     try:
+        asyncio.run(asyncio.wait_for(_identity(config.scheduler, security), _ANSWER_S))
         client = Client(config.scheduler, security=security, timeout=_CONNECT_S, set_as_default=False)
     except (OSError, TimeoutError, ValueError) as error:
-        reason = str(error.__cause__ or error).strip() or type(error).__name__
+        reason = str(error.__cause__ or error).strip() or f"it did not answer for {_ANSWER_S:.0f} s"
         raise UserError(f"there is no scheduler to be reached at {config.scheduler}: {reason}") from error
     try:
         yield client
     finally:
         client.close(timeout=_CONNECT_S)
+
+
+async def _identity(address: str, security: Any) -> Any:
+    """Return what a scheduler says of itself; Dask's client would wait for ever for one that is frozen."""
+    from distributed.core import rpc
+
+    async with rpc(address, connection_args=security.get_connection_args("client") if security else {}) as scheduler:
+        return await scheduler.identity()
 
 
 def _security(tls: TlsConfig) -> Any:

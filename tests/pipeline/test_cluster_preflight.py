@@ -6,8 +6,9 @@ from typing import Any
 
 import pytest
 
-from pipeline.cluster_preflight import check_cluster, versions
+from pipeline.cluster_preflight import check_cluster, run_alike, versions
 from pipeline.config import UserError
+from pipeline.tasks import Shard, Task
 
 _ALPHA, _BETA = "tcp://10.0.0.2:1", "tcp://10.0.0.3:1"
 
@@ -101,3 +102,14 @@ def test_gpus_have_to_be_what_was_promised(tmp_path: Path) -> None:
     cluster.answers = {}
     with pytest.raises(UserError, match=r"worker 10\.0\.0\.3 .* offers a GPU and sees none"):
         cluster.check(tmp_path)
+
+
+def test_a_worker_that_came_later_runs_nothing_with_another_version(tmp_path: Path) -> None:
+    stub: Any = SimpleNamespace(name="crop")
+    task: Any = Task(stub, Shard("one"), None, {}, "is missing", {}, tmp_path, tmp_path / "log")  # type: ignore[arg-type]
+    here = versions()
+    assert run_alike(here, task, {}).error == "is missing", "run_task has answered"
+    with pytest.raises(
+        UserError, match=r"numpy is 1\.0 here and .* on worker .*: install the same versions everywhere"
+    ):
+        run_alike({**here, "numpy": "1.0"}, task, {})

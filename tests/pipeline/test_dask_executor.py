@@ -76,6 +76,15 @@ def test_workers_that_are_alike_take_everything(gpus: tuple[str, ...]) -> None:
     assert client.log == ["crop 0 at any", "round 0 at any", "crop 1 at any", "round 1 at any"]
 
 
+def test_a_worker_that_cannot_work_for_this_run_ends_it() -> None:
+    client = _Client("a")
+    client.outcome = lambda task: UserError("numpy is 2 here and 1 on worker a")
+    executor = _executor(client)
+    _submit(executor)
+    with pytest.raises(UserError, match="numpy is 2 here"):
+        list(executor.completed())
+
+
 def test_no_more_tasks_than_workers_that_may_be_used() -> None:
     client = _Client("a", "b", "c")
     executor = _executor(client, max_workers=2)
