@@ -103,7 +103,7 @@ docs: $(VENV)/.installed  ## print docs/tables.md anew from the pipeline
 	$(RUN) describe > docs/.tables.md && mv docs/.tables.md docs/tables.md
 
 help:  ## this list
-	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-11s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 	@echo
 	@echo "  A rig of your own: make annotate SEQ=NAME ARGS=\"rig.calibration=PATH rig.videos='GLOB'\""
 	@echo "  All parameters:    $(RUN) --cfg job"

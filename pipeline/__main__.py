@@ -34,7 +34,9 @@ commands
   simulate   record synthetic sequences in the simulated studio
   train      draw crops and train our networks on them: manifest=data_manifests/training_crops.csv
   predict    hands in the headset's pictures, with SVEgoNet; held against labels where there are any
-  train_ego  train SVEgoNet on a manifest's sequences of split train
+  train_ego  train SVEgoNet on a manifest's sequences of split train; cross: by people's labels, ours, and both
+  ego_only   2D + triangulation in the headset's cameras alone, to compare with
+  verbs      which verb is being done, from hand poses of each source; train_verbs: with a network for each
   doctor     look a recording over before hours are spent on it
   preflight  say what of the AssemblyHands release is there: manifest=data_manifests/assemblyhands_v1_1.csv release=PATH
   report     write the page of a finished run: run=NAME (default: the latest)
