@@ -62,7 +62,7 @@ def _data_sets(config: TrainBodyKeypointsConfig, inputs: Tables) -> tuple[BodyVi
 
 STAGE = Stage(
     name="train_body_keypoints",
-    version=2,
+    version=3,
     config=TrainBodyKeypointsConfig,
     inputs={"chunks": CHUNKS, "labels": BODY_LABELS},
     outputs={"weights": WEIGHTS, "curve": TRAINING_CURVE},

@@ -36,7 +36,7 @@ def run(config: TrainKeypointsConfig, inputs: Tables, context: Context) -> Table
 
 STAGE = Stage(
     name="train_keypoints",
-    version=2,
+    version=3,
     config=TrainKeypointsConfig,
     inputs={"chunks": CHUNKS, "crops": CROPS, "labels": HAND_LABELS},
     outputs={"weights": WEIGHTS, "curve": TRAINING_CURVE},

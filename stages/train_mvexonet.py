@@ -64,7 +64,7 @@ def _network(config: TrainMvexonetConfig, start: "HandKeypointNet") -> "MVExoNet
 
 STAGE = Stage(
     name="train_mvexonet",
-    version=2,
+    version=3,
     config=TrainMvexonetConfig,
     inputs={"chunks": CHUNKS, "crops": CROPS, "labels": HAND_LABELS, "start": WEIGHTS},
     outputs={"weights": WEIGHTS, "curve": TRAINING_CURVE},

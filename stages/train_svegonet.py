@@ -118,7 +118,7 @@ def _by_label(inputs: Tables, splits: Mapping[str, tuple[str, ...]]) -> list[pa.
 def _stage(*labels: str) -> Stage[TrainSvegonetConfig]:
     return Stage(
         name="train_svegonet",
-        version=2,
+        version=3,
         config=TrainSvegonetConfig,
         inputs={"members": MEMBERS, **dict.fromkeys(labels, EGO_CROPS)},
         outputs={"weights": WEIGHTS, "curve": TRAINING_CURVE},

@@ -149,7 +149,7 @@ def _clips(
 
 STAGE = Stage(
     name="train_verbs",
-    version=1,
+    version=2,
     config=TrainVerbsConfig,
     inputs={"members": MEMBERS, "clips": VERB_CLIPS},
     outputs={"weights": WEIGHTS, "curve": TRAINING_CURVE},

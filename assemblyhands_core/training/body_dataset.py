@@ -1,4 +1,4 @@
-"""Training sets of bodies: whole pictures, shifted, scaled and recoloured anew in every epoch."""
+"""Training sets of bodies: whole pictures, shifted, scaled and recoloured anew each time."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -39,7 +39,7 @@ class BodyViews:
         pixels: True keypoints.
         is_valid: Which count.
         augmentation: What is varied.
-        seed: Of everything drawn; with epoch and index it decides on a sample.
+        seed: Of everything drawn; with turn and index it decides on a sample.
     """
 
     images: tuple[bytes, ...]
@@ -65,9 +65,9 @@ class BodyViews:
         """Return how many pictures there are."""
         return len(self.images)
 
-    def sample(self, index: int, epoch: int) -> Mapping[str, Any]:
+    def sample(self, index: int, turn: int) -> Mapping[str, Any]:
         """Return a picture, uint8 (height, width, 3), the true pixels and which of them lie in it."""
-        rng = np.random.default_rng([self.seed, epoch, index])
+        rng = np.random.default_rng([self.seed, turn, index])
         noise, varied = rng.normal(size=4), self.augmentation
         picture = decode_image(self.images[index])
         height, width = picture.shape[:2]

@@ -56,7 +56,7 @@ class EgoCrops:
         identity: What it shows, index into `IDENTITIES`.
         augmentation: What is varied.
         size_px: Side of the pictures that the network sees.
-        seed: Of everything drawn; with epoch and index it decides on a sample.
+        seed: Of everything drawn; with turn and index it decides on a sample.
     """
 
     images: tuple[ImageBytes, ...]
@@ -106,7 +106,7 @@ class EgoCrops:
         """Return how many crops there are."""
         return len(self.images)
 
-    def sample(self, index: int, epoch: int) -> Mapping[str, Any]:
+    def sample(self, index: int, turn: int) -> Mapping[str, Any]:
         """Return a sample's arrays by name.
 
         Returns:
@@ -114,7 +114,7 @@ class EgoCrops:
             ``is_valid`` (42,); ``is_own`` (42,), those of the crop's hand; ``identity``; ``joints_camera_mm`` (42, 3);
             ``ray_from_pixel`` (3, 3), K⁻¹ of the picture; ``wrist_depth_mm`` (42,), of each joint's wrist.
         """
-        rng = np.random.default_rng([self.seed, epoch, index])
+        rng = np.random.default_rng([self.seed, turn, index])
         picture = decode_image(self.images[index])
         is_flipped = bool(rng.random() < self.augmentation.flip_share)
         A = self._window(picture.shape[1], picture.shape[0], is_flipped, rng)

@@ -1,4 +1,4 @@
-"""Training sets of hands: every epoch sees each hand through other boxes, views and colours.
+"""Training sets of hands: each time a hand comes it is seen through other boxes, views and colours.
 
 Where windows leave the stored crop it is continued by its mirror image: a black edge would tell where the true hand is.
 Source: paper, supplement B (box expansion γ of mean 1.5, root noise of ±5 mm on every axis); the rest is ours, and each
@@ -135,7 +135,7 @@ class HandCrops:
         labels: Their joints, in the same order.
         augmentation: What is varied.
         size_px: Side of the crops.
-        seed: Of everything drawn; with epoch and index it decides on a sample.
+        seed: Of everything drawn; with turn and index it decides on a sample.
     """
 
     hands: tuple[StoredHand, ...]
@@ -168,9 +168,9 @@ class HandCrops:
         """Return how many hands there are."""
         return len(self.hands)
 
-    def sample(self, index: int, epoch: int) -> Mapping[str, Any]:
-        """Return a sample's arrays by name, other variations of a hand in every epoch."""
-        rng = np.random.default_rng([self.seed, epoch, index])
+    def sample(self, index: int, turn: int) -> Mapping[str, Any]:
+        """Return a sample's arrays by name, other variations of a hand each time."""
+        rng = np.random.default_rng([self.seed, turn, index])
         return vars(draw_sample(self.hands[index], self.labels[index], self.augmentation, self.size_px, rng))
 
 

@@ -30,13 +30,13 @@ Batch = Mapping[str, Tensor]
 
 @runtime_checkable
 class Samples(Protocol):
-    """What a network is shown; a sample differs from epoch to epoch."""
+    """What a network is shown; a sample differs each time that it comes."""
 
     def __len__(self) -> int:
         """Return how many samples there are."""
 
-    def sample(self, index: int, epoch: int) -> Mapping[str, Any]:
-        """Return a sample's arrays by name."""
+    def sample(self, index: int, turn: int) -> Mapping[str, Any]:
+        """Return a sample's arrays by name; ``turn``, how often it came before, decides how it is varied."""
 
 
 @dataclass(frozen=True)
@@ -226,8 +226,9 @@ class _Module(pl.LightningModule):
         schedule, data = self.schedule, self.task.training
         rng = np.random.default_rng([schedule.seed, self.current_epoch])
         wanted = schedule.steps_per_epoch * schedule.batch_size
-        rounds = [rng.permutation(len(data)) for _ in range(-(-wanted // len(data)))]
-        return self._loader(_Epoch(data, self.current_epoch), np.concatenate(rounds)[:wanted].tolist())
+        num_turns = -(-wanted // len(data))
+        turns = [turn * len(data) + rng.permutation(len(data)) for turn in range(num_turns)]
+        return self._loader(_Epoch(data, self.current_epoch * num_turns), np.concatenate(turns)[:wanted].tolist())
 
     def val_dataloader(self) -> DataLoader[Any]:
         return self._loader(_Epoch(self.task.held_out, 0), list(range(len(self.task.held_out))))
@@ -245,13 +246,19 @@ class _Module(pl.LightningModule):
 
 @dataclass(frozen=True, eq=False)
 class _Epoch(Dataset[Mapping[str, Any]]):
-    """The samples of one epoch as torch takes them."""
+    """The samples of one epoch as torch takes them; those of a small set come several times, varied anew each time.
+
+    Attributes:
+        samples: All.
+        first_turn: How many times they have come in earlier epochs.
+    """
 
     samples: Samples
-    epoch: int
+    first_turn: int
 
     def __len__(self) -> int:
         return len(self.samples)
 
-    def __getitem__(self, index: int) -> Mapping[str, Any]:
-        return self.samples.sample(index, self.epoch)
+    def __getitem__(self, number: int) -> Mapping[str, Any]:
+        turn, index = divmod(number, len(self.samples))
+        return self.samples.sample(index, self.first_turn + turn)

@@ -1,4 +1,4 @@
-"""Training sets of verbs: clips of hand poses, varied anew in every epoch.
+"""Training sets of verbs: clips of hand poses, varied anew each time.
 
 Screwing and unscrewing turn in opposite senses, and a mirror exchanges the two: the mirror image of a right hand that
 screws is a left hand that turns counter-clockwise. So mirroring has to leave these verbs alone or exchange their names.
@@ -73,7 +73,7 @@ class VerbClips:
         verbs: The classes.
         config: What the network takes.
         augmentation: What is varied.
-        seed: Of everything drawn; with epoch and index it decides on a sample.
+        seed: Of everything drawn; with turn and index it decides on a sample.
         order: Which clip each sample is of; a clip may occur several times.
     """
 
@@ -145,13 +145,13 @@ class VerbClips:
         """Return how many samples there are."""
         return len(self.order)
 
-    def sample(self, index: int, epoch: int) -> Mapping[str, Any]:
+    def sample(self, index: int, turn: int) -> Mapping[str, Any]:
         """Return a sample's arrays by name.
 
         Returns:
             ``poses`` (3, T, 21, 2) float32; ``is_observed`` and ``is_interpolated`` (T, 2); ``verb``; ``noun``.
         """
-        rng = np.random.default_rng([self.seed, epoch, index])
+        rng = np.random.default_rng([self.seed, turn, index])
         place = int(self.order[index])
         verb = int(self.verb[place])
         clip = _retimed(self.clips[place], self.augmentation, rng)

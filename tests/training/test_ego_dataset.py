@@ -37,7 +37,7 @@ def test_the_brightest_spot_is_where_the_right_or_mirrored_left_wrist_is() -> No
 def test_pixels_depth_and_rays_give_back_the_joints() -> None:
     data = _data()
     for index in range(len(data)):
-        sample = data.sample(index, epoch=1)
+        sample = data.sample(index, turn=1)
         rays = np.concatenate([sample["pixels"], np.ones((42, 1))], axis=1) @ sample["ray_from_pixel"].T.astype(float)
         np.testing.assert_allclose(rays[:, 2], 1.0, atol=1e-5)
         lifted = rays * (sample["depth_mm"] + sample["wrist_depth_mm"])[:, None]

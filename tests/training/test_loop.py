@@ -70,6 +70,37 @@ def test_the_loss_falls_and_the_best_weights_are_kept(hand_tables: Tables, tmp_p
     assert list((tmp_path / "tensorboard").glob("events.*"))
 
 
+class Numbered:
+    """Five samples that note when they come, and teach nothing."""
+
+    def __init__(self) -> None:
+        self.seen: list[tuple[int, int]] = []
+
+    def __len__(self) -> int:
+        return 5
+
+    def sample(self, index: int, turn: int) -> dict[str, torch.Tensor]:
+        self.seen.append((index, turn))
+        return {"x": torch.ones(1)}
+
+
+def test_a_small_set_is_varied_anew_each_time_that_it_comes(tmp_path: Path) -> None:
+    network, samples = torch.nn.Linear(1, 1), Numbered()
+    task = Task(
+        network,
+        loss=lambda batch: network(batch["x"]).square().mean(),
+        error=lambda batch: (torch.tensor(1.0), torch.tensor(1)),
+        training=samples,
+        held_out=Numbered(),
+    )
+    train(task, Schedule(2, 3, 4, 1e-2, 0.0, 5.0, num_loaders=0, seed=5), tmp_path, num_threads=1)
+    assert len(samples.seen) == 24 == len(set(samples.seen)), "two epochs of 3 × 4, nothing twice"
+    first, second = samples.seen[:12], samples.seen[12:]
+    for epoch, turns in ((first, (0, 1, 2)), (second, (3, 4, 5))):
+        assert [turn for _, turn in epoch] == [turns[0]] * 5 + [turns[1]] * 5 + [turns[2]] * 2
+        assert {index for index, _ in epoch[:5]} == {index for index, _ in epoch[5:10]} == set(range(5))
+
+
 def test_weights_that_got_worse_afterwards_are_not_what_is_kept(hand_tables: Tables, tmp_path: Path) -> None:
     task = task_of(hand_tables)
     errors = iter([3.0, 1.0, 2.0, 4.0])

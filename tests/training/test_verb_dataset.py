@@ -39,7 +39,7 @@ def test_plain_samples_are_the_clips() -> None:
     data = _data()
     assert len(data) == 5
     for index, clip in enumerate(_clips()):
-        sample, expected = data.sample(index, epoch=4), sequence_of(clip, CONFIG)
+        sample, expected = data.sample(index, turn=4), sequence_of(clip, CONFIG)
         np.testing.assert_array_equal(sample["poses"], expected.values)
         np.testing.assert_array_equal(sample["is_observed"], expected.observed)
         np.testing.assert_array_equal(sample["is_interpolated"], expected.is_interpolated)
