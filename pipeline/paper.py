@@ -50,7 +50,7 @@ VERBS: Final = Grid(
         "remove",
         "screw",
         "unscrew",
-        "mean over verbs (%)",
+        "Avg. Verb Acc. (%)",
         "of the upper bound (%)",
         "pose error (mm)",
     ),

@@ -14,7 +14,7 @@ from assemblyhands_core.data.split_files import write_shared_files
 from assemblyhands_core.data.store import Store
 from assemblyhands_core.data.studio_tables import DELIVERED
 from pipeline.config import RunConfig
-from pipeline.takes import OrderedTake, select_takes
+from pipeline.takes import select_takes
 from pipeline.tasks import Result
 
 _NO_LINKS: Final = (errno.EXDEV, errno.EPERM, errno.ENOTSUP, errno.EMLINK)
@@ -36,7 +36,7 @@ def publish(config: RunConfig, results: Sequence[Result], root: Path) -> list[st
                 _lay_out(layout, files)
             write_shared_files(layout, {name: take.split for name, (take, _) in delivered.items()})
             for take, files in delivered.values():
-                _write_list(layout, take, files)
+                _write_list(layout, take.heading(config), take.sequence_id, files)
     return list(delivered)
 
 
@@ -96,10 +96,10 @@ def _link(source: Path, target: Path) -> None:
         draft.unlink(missing_ok=True)
 
 
-def _write_list(layout: DatasetLayout, take: OrderedTake, files: Files) -> None:
-    listing = layout.delivered(take.sequence_id)
+def _write_list(layout: DatasetLayout, heading: str, recording: str, files: Files) -> None:
+    listing = layout.delivered(recording)
     listing.parent.mkdir(parents=True, exist_ok=True)
-    lines = [take.heading, *(f"{row['sha256']}  {row['path']}" for row in files)]
+    lines = [heading, *(f"{row['sha256']}  {row['path']}" for row in files)]
     draft = listing.with_name(f".{listing.name}-{os.getpid()}")
     draft.write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
     draft.rename(listing)

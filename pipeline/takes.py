@@ -15,6 +15,7 @@ from assemblyhands_core.synthetic.session import RATE_HZ
 from pipeline.config import RunConfig, UserError
 from pipeline.graph import CROP_EDGE, TAKE_EDGE
 from pipeline.manifests import ManifestRow, select_rows
+from stages.deliver_recording import STAGE as DELIVERY
 
 STUDIO_PACKAGE: Final = "synthetic"
 """What manifests call the recordings of the studio."""
@@ -25,6 +26,7 @@ HEADSET: Final = "headset"
 """What manifests call the studio's rig without fixed cameras."""
 
 _MAX_DURATION_S: Final = 10**6
+_LABELLED_EVERY_S: Final = 1.0  # not in the heading: so it is in the real data, and was before others could be ordered
 
 
 @dataclass(frozen=True)
@@ -45,11 +47,12 @@ class OrderedTake:
         edge = CROP_EDGE if self.package == CROPS_PACKAGE else TAKE_EDGE
         return {TAKE_EDGE: (), CROP_EDGE: (), edge: (vars(self),)}
 
-    @property
-    def heading(self) -> str:
-        """Return the first line of its list of delivered files: another order is another recording."""
+    def heading(self, config: RunConfig) -> str:
+        """Return the first line of its list of delivered files: another order, or other labels, is another recording."""
         rate = "" if self.rate_hz == RATE_HZ else f" rate_hz={self.rate_hz}"
-        return f"# rig={self.rig} duration_s={self.duration_s!r}{rate} split={self.split}"
+        every_s = config.stages[DELIVERY.name].model_dump()["labelled_every_s"]
+        labels = "" if every_s == _LABELLED_EVERY_S else f" labelled_every_s={every_s!r}"
+        return f"# rig={self.rig} duration_s={self.duration_s!r}{rate} split={self.split}{labels}"
 
 
 def studio_folder(workspace: Path) -> Path:
@@ -78,14 +81,14 @@ def absent_takes(config: RunConfig) -> list[str]:
         return []  # files of one's own
     layout = DatasetLayout(studio_folder(config.workspace))
     takes = [_take(row, config) for row in select_rows(config) if row["package"] == STUDIO_PACKAGE]
-    return [take.sequence_id for take in takes if not _is_delivered(layout, take)]
+    return [take.sequence_id for take in takes if not _is_delivered(layout, take.heading(config), take.sequence_id)]
 
 
-def _is_delivered(layout: DatasetLayout, take: OrderedTake) -> bool:
-    listing = layout.delivered(take.sequence_id)
+def _is_delivered(layout: DatasetLayout, heading: str, recording: str) -> bool:
+    listing = layout.delivered(recording)
     lines = listing.read_text(encoding="utf-8").splitlines() if listing.is_file() else []
     files = [layout.root / line.partition("  ")[2] for line in lines[1:]]
-    return lines[:1] == [take.heading] and all(file.is_file() for file in files)
+    return lines[:1] == [heading] and all(file.is_file() for file in files)
 
 
 def _take(row: ManifestRow, config: RunConfig) -> OrderedTake:

@@ -22,6 +22,7 @@ _COLUMNS: Final = {
     "accuracy": "over segments (%)",
     "relative_mean_verb_accuracy": "of the upper bound (%)",
     "pose_error_mm": "pose error (mm)",
+    "pose_coverage": "observed, of 30 Hz (%)",
 }
 
 

@@ -41,11 +41,16 @@ class TabulateVerbsConfig(StageConfig):
 
 
 def run(config: TabulateVerbsConfig, inputs: Tables, context: Context) -> Tables:
-    """Tabulate the sequences that are not for training; all, if there are no others."""
-    names = pa.array(judged_of(inputs["members"]), pa.string())
+    """Tabulate the sequences that are not for training; all, if there are no others.
+
+    Of these, the ones that every source has that has any: those filmed without a headset have annotation alone.
+    """
+    names = set(judged_of(inputs["members"]))
+    found = [set(inputs[source]["sequence_id"].to_pylist()) & names for source in SOURCES]
+    common = pa.array(sorted(names.intersection(*filter(None, found))), pa.string())
     tables = []
     for source in SOURCES:
-        rows = inputs[source].filter(pc.is_in(inputs[source]["sequence_id"], value_set=names))
+        rows = inputs[source].filter(pc.is_in(inputs[source]["sequence_id"], value_set=common))
         tables.append(rows.append_column("source", pa.array([source] * rows.num_rows, pa.string())))
     cells = evaluate_verbs(pa.concat_tables(tables), config.evaluation)
     return {"metrics": EVALUATION.from_rows([{"sequence_id": context.sequence_id, **cell._asdict()} for cell in cells])}
@@ -53,7 +58,7 @@ def run(config: TabulateVerbsConfig, inputs: Tables, context: Context) -> Tables
 
 STAGE = Stage(
     name="tabulate_verbs",
-    version=1,
+    version=2,
     config=TabulateVerbsConfig,
     inputs={"members": MEMBERS, **dict.fromkeys(SOURCES, VERB_PREDICTIONS)},
     outputs={"metrics": EVALUATION},

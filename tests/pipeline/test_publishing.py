@@ -17,6 +17,7 @@ from pipeline.executor_config import LocalConfig
 from pipeline.publishing import publish
 from pipeline.takes import absent_takes
 from pipeline.tasks import Result, Shard
+from stages.deliver_recording import DeliverRecordingConfig
 
 NAME = "nusar-2021_action_both_1002-c13e_1002_user_id_2022-03-03_140549"
 
@@ -29,7 +30,7 @@ def config(folder: Path, rig: str = "assembly", split: str = "test") -> RunConfi
         rounds=3, rig=RigConfig(calibration=None, videos=None), gc=GcConfig(keep_runs=1, dry_run=False),
         executor=LocalConfig(name="serial", num_workers=1, memory_limit="auto"),
     )  # fmt: skip
-    found._dag = build_dag()
+    found._dag, found._stages = build_dag(), {"deliver_recording": DeliverRecordingConfig(labelled_every_s=1.0)}
     return found
 
 

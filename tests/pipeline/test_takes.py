@@ -12,13 +12,14 @@ from pipeline.executor_config import LocalConfig
 from pipeline.graph import CROP_EDGE, TAKE_EDGE
 from pipeline.recordings import select_recordings
 from pipeline.takes import absent_takes, select_takes
+from stages.deliver_recording import DeliverRecordingConfig
 
 NAME = "nusar-2021_action_both_1002-c13e_1002_user_id_2022-03-03_140549"
 OTHER = "nusar-2021_action_both_1002-c13e_1002_user_id_2022-03-04_140549"
 HEADER = "sequence_id,split,calibration,videos,package,rig,duration_s,rate_hz"
 
 
-def config(folder: Path, line: str, **changes: object) -> RunConfig:
+def config(folder: Path, line: str, labelled_every_s: float = 1.0, **changes: object) -> RunConfig:
     (folder / "set.csv").write_text(f"{HEADER}\n{line}\nreal,demo,calib.json,*.mp4,,,,\n")
     values = {
         "seq": NAME, "target": "simulate", "manifest": str(folder / "set.csv"), "release": None,
@@ -27,7 +28,10 @@ def config(folder: Path, line: str, **changes: object) -> RunConfig:
         "executor": LocalConfig(name="serial", num_workers=1, memory_limit="auto"),
     }  # fmt: skip
     found = RunConfig(**{**values, **changes})
-    found._dag = build_dag()
+    found._dag, found._stages = (
+        build_dag(),
+        {"deliver_recording": DeliverRecordingConfig(labelled_every_s=labelled_every_s)},
+    )
     return found
 
 
@@ -50,9 +54,13 @@ def test_a_row_becomes_an_order(tmp_path: Path) -> None:
     assert TAKES.from_rows(origins[TAKE_EDGE]).to_pylist() == [
         {"sequence_id": NAME, "rig": "assembly", "duration_s": 2.5, "rate_hz": 30}
     ]
-    assert origins[CROP_EDGE] == () and "rate" not in take.heading
+    assert (
+        origins[CROP_EDGE] == () and take.heading(config(tmp_path, row())) == "# rig=assembly duration_s=2.5 split=test"
+    )
     (slow,) = select_takes(config(tmp_path, row(rate="2")))
-    assert slow.rate_hz == 2 and slow.heading == "# rig=assembly duration_s=2.5 rate_hz=2 split=test"
+    assert slow.rate_hz == 2 and slow.heading(config(tmp_path, row(), 0.2)) == (
+        "# rig=assembly duration_s=2.5 rate_hz=2 split=test labelled_every_s=0.2"
+    )
 
 
 def test_crops_are_ordered_for_training_only(tmp_path: Path) -> None:
@@ -93,6 +101,8 @@ def test_a_take_is_absent_until_it_is_delivered_as_ordered(tmp_path: Path) -> No
     deliver(tmp_path, "# rig=assembly duration_s=2.5 split=test", "recordings/a.mp4")
     assert absent_takes(both) == []
     assert absent_takes(config(tmp_path, row(duration="3"), target="annotate")) == [NAME], "another order"
+    often = config(tmp_path, row(), 0.2, target="annotate")
+    assert absent_takes(often) == [NAME], "other labels"
     (tmp_path / "work/synthetic/recordings/a.mp4").unlink()
     assert absent_takes(both) == [NAME], "a file is gone"
     own = RigConfig(calibration="calib.json", videos="*.mp4")

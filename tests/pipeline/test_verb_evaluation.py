@@ -22,8 +22,8 @@ def test_sources_stand_below_one_another_with_accuracy_and_pose_error(tmp_path: 
     write_verb_table(tmp_path, "verb_table")
     lines = {line.split("│")[1].strip(): line for line in _printed(tmp_path).splitlines() if "│" in line}
     cells = {name: [cell.strip() for cell in line.split("│")[2:-1]] for name, line in lines.items()}
-    assert cells["annotation"] == ["100", "50", "75.0", "75.0", "–", "7.0", "4"]
-    assert cells["svegonet"] == ["50", "50", "50.0", "50.0", "66.7", "7.0", "4"]
+    assert cells["annotation"] == ["100", "50", "75.0", "75.0", "–", "7.0", "100.0", "4"]
+    assert cells["svegonet"] == ["50", "50", "50.0", "50.0", "66.7", "7.0", "100.0", "4"]
     assert cells["chance: uniform"][2:4] == ["50.0", "50.0"]
     with (tmp_path / "report" / "verbs.csv").open() as file:
         rows = list(csv.DictReader(file))

@@ -55,10 +55,14 @@ def _inputs(sequences: dict[str, dict[str, tuple[str, ...]]]) -> dict[str, pa.Ta
 def _run(
     splits: dict[str, str], sequences: dict[str, dict[str, tuple[str, ...]]], **changes: Any
 ) -> dict[tuple[str, ...], Any]:
+    return _tabulated(splits, _inputs(sequences), **changes)
+
+
+def _tabulated(splits: dict[str, str], inputs: dict[str, pa.Table], **changes: Any) -> dict[tuple[str, ...], Any]:
     values = yaml.safe_load(CONF.read_text()) | {"verbs": VERBS, "num_resamples": 100} | changes
     config = TabulateVerbsConfig.model_validate_json(json.dumps(values))
     members = MEMBERS.from_rows([{"sequence_id": name, "split": split} for name, split in splits.items()])
-    made = STAGE.run(config, {"members": members, **_inputs(sequences)}, Context(Path(), "all"))
+    made = STAGE.run(config, {"members": members, **inputs}, Context(Path(), "all"))
     rows = made["metrics"].to_pylist()
     assert {row["sequence_id"] for row in rows} <= {"all"}
     return {tuple(row[name] for name in ("table", "group", "row", "metric")): row for row in rows}
@@ -101,10 +105,18 @@ def test_a_source_without_rows_is_absent() -> None:
     assert _run({"a": "test"}, {}) == {} == _run({"a": "test", "b": "train"}, {"b": SAID})
 
 
-def test_sources_of_other_segments_cannot_be_compared() -> None:
+def test_a_sequence_that_a_source_lacks_does_not_count() -> None:
     sequences = {"a": SAID, "b": {source: said for source, said in SAID.items() if source != "svegonet"}}
-    with pytest.raises(ValueError, match="svegonet has predictions of 5 segments, annotation of 10, and they are not"):
-        _run({"a": "test", "b": "test"}, sequences)
+    found = _run({"a": "test", "b": "test"}, sequences)
+    assert {found["verbs", "", source, "accuracy"]["n"] for source in SOURCES} == {5}
+    assert found["verbs", "", "annotation", "accuracy"]["value"] == pytest.approx(80.0)
+
+
+def test_sources_of_other_segments_cannot_be_compared() -> None:
+    inputs = _inputs({"a": SAID})
+    inputs["svegonet"] = inputs["svegonet"].slice(0, 4)
+    with pytest.raises(ValueError, match="svegonet has predictions of 4 segments, annotation of 5, and they are not"):
+        _tabulated({"a": "test"}, inputs)
 
 
 def test_a_verb_that_is_no_class_is_named() -> None:
