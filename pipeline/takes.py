@@ -48,7 +48,7 @@ class OrderedTake:
         return {TAKE_EDGE: (), CROP_EDGE: (), edge: (vars(self),)}
 
     def heading(self, config: RunConfig) -> str:
-        """Return the first line of its list of delivered files: another order, or other labels, is another recording."""
+        """Return the first line of its list of delivered files: other orders and labels are other recordings."""
         rate = "" if self.rate_hz == RATE_HZ else f" rate_hz={self.rate_hz}"
         every_s = config.stages[DELIVERY.name].model_dump()["labelled_every_s"]
         labels = "" if every_s == _LABELLED_EVERY_S else f" labelled_every_s={every_s!r}"
