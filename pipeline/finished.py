@@ -2,6 +2,7 @@
 
 import json
 import re
+from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -62,6 +63,14 @@ class FinishedRun:
         """Return the sequences that it has anything of."""
         shards = (shard for manifest in self.manifests.values() for shard in manifest.get("shards", {}))
         return sorted({_CHUNK.sub("", shard) for shard in shards})
+
+    def joint_reasons(self, node: str) -> Mapping[str, int]:
+        """Return how many joints of a node have each reason, as its manifest says; the empty one is of those found."""
+        counts: dict[str, int] = defaultdict(int)
+        for shard in self.manifests.get(node, {}).get("shards", {}).values():
+            for reason, count in shard["outputs"].get("joints", {}).get("reasons", {}).items():
+                counts[reason] += count
+        return counts
 
     @cached_property
     def is_synthetic(self) -> bool:

@@ -18,8 +18,10 @@ from pipeline.config import RunConfig, UserError
 from pipeline.ego_evaluation import egocentric_rows
 from pipeline.finished import FinishedRun, open_run
 from pipeline.grids import Grid, rich_table
+from pipeline.round_crops import round_nodes
 from pipeline.terminal import say
 from pipeline.verb_evaluation import verb_rows
+from stages.measure_quality import ALL_JOINTS, REPROJECTION
 
 _ANNOTATION: Final = {"mpjpe_mm": "MPJPE (mm)", "pck_auc": "PCK-AUC (%)", "coverage": "coverage (%)"}
 _MAX_DRAWN: Final = 2  # parameters that one picture can show
@@ -108,7 +110,7 @@ def _figures(point: Point) -> dict[str, Figure]:
     except UserError:  # it failed before there was anything
         return {}
     found = {**dict(_of_annotation(run)), **dict(_of_networks(run))}
-    return found or dict(_of_quality(run.folder))
+    return found or dict(_of_quality(run))
 
 
 def _of_annotation(run: FinishedRun) -> Iterator[tuple[str, Figure]]:
@@ -133,18 +135,22 @@ def _of_networks(run: FinishedRun) -> Iterator[tuple[str, Figure]]:
             yield name, Figure(row["value"], row["low"], row["high"], row["n"])
 
 
-def _of_quality(run: Path) -> Iterator[tuple[str, Figure]]:
-    """Yield what is known without truth: how many joints are there, and how far off their pixels are."""
-    tables = [pq.read_table(path.resolve()).to_pandas() for path in sorted((run / "quality/quality").glob("*.parquet"))]
-    for table, row, name in (
-        ("joints by outcome (%)", "valid", "valid joints (%)"),
-        ("median reprojection of inliers (px)", None, "median reprojection (px)"),
-    ):
-        rows = [t[(t["table"] == table) & ((t["row"] == row) | (row is None))] for t in tables]
-        n = sum(int(part["n"].sum()) for part in rows)
-        if n:
-            total = sum(float((part["value"] * part["n"]).sum(skipna=True)) for part in rows)
-            yield name, Figure(total / n, n=n)
+def _of_quality(run: FinishedRun) -> Iterator[tuple[str, Figure]]:
+    """Yield what is known without truth: how many joints the last round has, and how far off their pixels are."""
+    for node in round_nodes(run.folder)[-1:]:
+        counts = run.joint_reasons(node.name)
+        if total := sum(counts.values()):
+            yield "valid joints (%)", Figure(100 * counts.get("", 0) / total, n=total)
+    tables = [pq.read_table(path.resolve()) for path in sorted((run.folder / "quality/quality").glob("*.parquet"))]
+    medians = [
+        (row["value"], row["n"])
+        for table in tables
+        for row in table.to_pylist()
+        if row["table"] == REPROJECTION and row["row"] == ALL_JOINTS and row["n"]
+    ]
+    if n := sum(count for _, count in medians):
+        mean_px = sum(median_px * count for median_px, count in medians) / n
+        yield "reprojection of 2D + triangulation, cameras' medians (px)", Figure(mean_px, n=n)
 
 
 def _write_csv(

@@ -29,6 +29,9 @@ from stages._contract import Context, Stage, StageConfig, Tables
 
 Cell = tuple[str, str, str, float, int]  # table, row, metric, value, n
 Floats = npt.NDArray[np.floating[Any]]
+REPROJECTION = "reprojection of 2D + triangulation, median (px)"
+"""The table of it, by joint and camera; its row `ALL_JOINTS` holds all of them again."""
+ALL_JOINTS = "all joints"
 _NEAR_MM = 20.0
 
 
@@ -109,10 +112,10 @@ def _reprojection(residuals: pa.Table) -> Iterator[Cell]:
     error_px = np.where(to_numpy(residuals["is_inlier"]), to_numpy(residuals["residual_px"]), np.nan)
     for name in dict.fromkeys(camera):
         of_camera = error_px[camera == name]
-        columns = {**{joint: of_camera[:, j] for j, joint in enumerate(JOINT_NAMES)}, "all joints": of_camera.ravel()}
+        columns = {**{joint: of_camera[:, j] for j, joint in enumerate(JOINT_NAMES)}, ALL_JOINTS: of_camera.ravel()}
         for row, values in columns.items():
             known = _known(values)
-            yield "reprojection of 2D + triangulation, median (px)", row, str(name), _median(known), len(known)
+            yield REPROJECTION, row, str(name), _median(known), len(known)
 
 
 def _hand_bones(joints: pa.Table) -> Iterator[Cell]:

@@ -62,8 +62,8 @@ def _judged(run: FinishedRun) -> Iterator[Block]:
 def _outcomes(run: FinishedRun) -> Iterator[Block]:
     """Yield what became of the joints in each round, whether the truth is known or not."""
     counts = {
-        name: _reasons(manifest)
-        for name, manifest in run.manifests.items()
+        name: run.joint_reasons(name)
+        for name in run.manifests
         if name.startswith("round_") or name in ("smoothed", "ego_only", "ego_only_manual")
     }
     reasons = list(dict.fromkeys(reason for of_node in counts.values() for reason in of_node if reason))
@@ -77,14 +77,6 @@ def _outcomes(run: FinishedRun) -> Iterator[Block]:
         yield Table(
             Grid("What became of the joints", columns, rows), note="Missing joints have one of the named reasons."
         )
-
-
-def _reasons(manifest: Mapping[str, Any]) -> dict[str, int]:
-    counts: dict[str, int] = defaultdict(int)
-    for shard in manifest.get("shards", {}).values():
-        for reason, count in shard["outputs"].get("joints", {}).get("reasons", {}).items():
-            counts[reason] += count
-    return counts
 
 
 def _failures(run: FinishedRun) -> Iterator[Block]:

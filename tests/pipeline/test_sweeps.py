@@ -1,17 +1,24 @@
 import csv
 import json
+from dataclasses import asdict
 from pathlib import Path
 
 import hydra
 import numpy as np
 import pytest
 from error_tables import errors_table
-from finished_run import write_evaluation
+from finished_run import write_evaluation, write_table
 from rich.console import Console
 
+from assemblyhands_core.data.catalog import BODIES, BODY_KEYPOINTS, JOINTS, RESIDUALS, VIEWS
+from assemblyhands_core.data.evaluation_tables import QUALITY
+from assemblyhands_core.data.store import Output, count_reasons
 from assemblyhands_core.viz.sweep_figure import SweptValue, sweep_figure
 from pipeline.config import CONF_FOLDER, RunConfig, check_config
 from pipeline.sweeps import Point, varied_parameters, write_sweep
+from stages._contract import Context
+from stages.measure_quality import STAGE as MEASURE_QUALITY
+from stages.measure_quality import MeasureQualityConfig
 
 
 @pytest.fixture(scope="module")
@@ -29,6 +36,36 @@ def _evaluated(point: Point, error_mm: float) -> Point:
     folder = point.config.workspace / "runs" / point.config.run
     errors = {"2d_triangulation": np.full((24, 2), 9.0), "R1": np.full((24, 2), error_mm)}
     write_evaluation(folder, "s", errors_table(errors))
+    (folder / "run.json").write_text(json.dumps({"config": {}, "digests": {}}))
+    return point
+
+
+def _unjudged(point: Point, num_left: int) -> Point:
+    """Leave what a run without truth leaves: of 10 frames the left hand is there in so many, the right one in all.
+
+    Its views are off by 1 px in camera a, with 420 inliers, and by 3 px in camera b, with 140.
+    """
+    folder = point.config.workspace / "runs" / point.config.run
+    is_there = np.repeat(np.stack([np.full(10, True), np.arange(10) < num_left], axis=1).reshape(20, 1), 21, axis=1)
+    hands = {"sequence_id": ["s"] * 20, "frame": np.repeat(np.arange(10), 2), "hand": ["right", "left"] * 10}
+    joints = JOINTS.build(
+        hands
+        | {"joints_world_mm": np.where(np.repeat(is_there, 3, axis=1), 1.0, np.nan), "valid": is_there}
+        | {"reason": np.where(is_there, "", "too_few_views"), "num_views": np.full((20, 21), 2)}
+        | {"reprojection_px": np.full((20, 21), 1.0), "source": ["test"] * 20, "round": [0] * 20}
+    )
+    is_inlier = np.concatenate([np.full((20, 21), True), np.tile(np.arange(21) < 7, (20, 1))])
+    columns = {name: np.tile(values, 2) for name, values in hands.items()} | {"camera_id": ["a"] * 20 + ["b"] * 20}
+    pixels = {"residual_px": np.repeat([[1.0], [3.0]], 20, axis=0) * np.ones(21), "is_inlier": is_inlier}
+    inputs = {"joints": joints, "triangulated": joints, "residuals": RESIDUALS.build(columns | pixels)}
+    inputs |= {"views": VIEWS.empty(), "bodies": BODIES.empty(), "body_keypoints": BODY_KEYPOINTS.empty()}
+    stage_config = MeasureQualityConfig(num_sync_frames=10, max_shift_frames=1, max_reprojection_px=10.0)
+    quality = MEASURE_QUALITY.run(stage_config, inputs, Context(folder, "s"))["quality"]
+    write_table(folder / "quality" / "quality" / "s.parquet", QUALITY, quality)
+    shards = {f"s.{k:05}": count_reasons(chunk) for k, chunk in enumerate((joints[:8], joints[8:]))}
+    outputs = {name: {"outputs": {"joints": asdict(Output("", 1, 1, found))}} for name, found in shards.items()}
+    (folder / "round_0").mkdir()
+    (folder / "round_0" / "manifest.json").write_text(json.dumps({"shards": outputs}))
     (folder / "run.json").write_text(json.dumps({"config": {}, "digests": {}}))
     return point
 
@@ -59,6 +96,26 @@ def test_a_line_for_each_point_of_its_last_round_and_one_of_a_run_that_failed(
     assert [(row["rounds"], row["run"], float(row["value"])) for row in rows] == [("1", "one", 4.0), ("2", "two", 2.5)]
     assert [int(row["n"]) for row in rows] == [24 * 2 * 21] * 2
     assert (tmp_path / "sweep" / "sweep.png").read_bytes()[1:4] == b"PNG"
+
+
+def test_without_truth_joints_of_both_hands_count_the_same_and_reprojection_is_of_all_joints_once(
+    config: RunConfig, tmp_path: Path
+) -> None:
+    """Of 420 joints, 210 right ones are there and 21 left ones; of the second point's none: no row says so."""
+    points = [
+        _unjudged(_point(config, "few", "rounds=0", "a.b=1"), 1),
+        _unjudged(_point(config, "none", "rounds=0", "a.b=2"), 0),
+    ]
+    write_sweep(Console(width=200), points, tmp_path)
+    with (tmp_path / "sweep.csv").open() as file:
+        rows = [(row["run"], row["figure"], float(row["value"]), int(row["n"])) for row in csv.DictReader(file)]
+    reprojection = "reprojection of 2D + triangulation, cameras' medians (px)"
+    assert rows == [
+        ("few", "valid joints (%)", 55.0, 420),
+        ("few", reprojection, 1.5, 420 + 140),
+        ("none", "valid joints (%)", 50.0, 420),
+        ("none", reprojection, 1.5, 420 + 140),
+    ]
 
 
 def test_nothing_is_left_of_a_sweep_over_one_value(config: RunConfig, tmp_path: Path) -> None:
