@@ -1,3 +1,4 @@
+import pickle
 from dataclasses import replace
 
 import pytest
@@ -139,3 +140,12 @@ def test_the_upper_bound_knows_of_no_corrections() -> None:
     without = {node.name: node for node in dag.upto(dag.targets["annotate"], (CORRECTION_EDGE,))}
     assert readers < set(without) and "corrections" not in without
     assert all("corrections" not in node.inputs for node in without.values())
+
+
+def test_a_node_is_pickled_once_and_comes_back_as_it_was() -> None:
+    dag = build_dag()
+    node = dag.nodes["round_1"]
+    first, again = pickle.dumps(node), pickle.dumps(node)
+    assert first == again and pickle.loads(first) == node and pickle.loads(first) is pickle.loads(again)
+    other = node.without({"corrections"}) if "corrections" in node.stage.optional else dag.nodes["round_2"]
+    assert pickle.loads(pickle.dumps(other)) == other != node
