@@ -41,7 +41,7 @@ from pipeline.takes import absent_takes, select_takes, studio_folder
 from pipeline.tasks import Result
 from pipeline.terminal import say, terminal
 from pipeline.verb_evaluation import print_verbs
-from pipeline.view import write_view
+from pipeline.view import LATEST, write_view
 from pipeline.work import SequenceWork, member_rows, possible_nodes, with_set
 
 _MAX_REPAIRS = 20  # each round finds what is damaged one node further
@@ -68,6 +68,8 @@ def execute(command: str, config: RunConfig, command_line: str) -> int:
     if command in _READING:
         with _lock(config.workspace, exclusive=False):
             return _READING[command](config, console)
+    if config.run == LATEST:
+        raise UserError(f"run={LATEST} cannot name a new run: it is the link to the newest one; give it another name")
     if (before := _recording_first(config)) is not None:
         say(console, f"these sequences are recorded first, once, in the simulated studio: {before.seq}")
         if code := _run(before, console, command_line):

@@ -9,6 +9,7 @@ from typing import Any, Literal
 from omegaconf import DictConfig, OmegaConf
 from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, ValidationError
 
+from assemblyhands_core.data.names import is_file_part
 from assemblyhands_core.data.suspects import SuspicionLimits
 from assemblyhands_core.hands.joints import NUM_JOINTS
 from pipeline.dag import build_dag
@@ -140,6 +141,7 @@ def check_config(composed: DictConfig) -> RunConfig:
     classes = {node.stage.name: node.stage.config for node in build_dag().nodes.values()}
     stages = {name: _validate(cls, values.pop(name), f"{name}.") for name, cls in classes.items()}
     config: RunConfig = _validate(RunConfig, values, "")
+    _check_run_names(config)
     dag = build_dag(config.rounds, config.ego_network == "trained", config.ego_labels)
     config._dag, config._stages = dag, stages
     known = [*dag.targets, *dag.nodes]
@@ -163,6 +165,16 @@ def unknown_key_message(overrides: Sequence[str], composed: DictConfig) -> str |
 def chooses_file(override: str) -> bool:
     """Return whether an override puts one file of ``conf`` in the place of another, as ``executor=serial`` does."""
     return (CONF_FOLDER / override.partition("=")[0].split("@")[0]).is_dir()
+
+
+def _check_run_names(config: RunConfig) -> None:
+    """Refuse names of runs that lead elsewhere: a run takes the place of the folder of its name, whatever is in it."""
+    for parameter, name in (("run", config.run), ("other", config.other)):
+        if name and not is_file_part(name):
+            raise UserError(
+                f"{parameter}={name[:200]} cannot name a run: runs are folders of {config.workspace / 'runs'}; "
+                "give the folder's name alone, short, without / and with no dot before it"
+            )
 
 
 def _validate(model: type[Any], values: Any, prefix: str) -> Any:

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from assemblyhands_core.data.digests import digest_json
 from assemblyhands_core.data.provenance import code_commit
@@ -20,7 +20,8 @@ from pipeline.dag import LOOKING_TARGETS
 from pipeline.graph import Node
 from pipeline.tasks import Result
 
-_LATEST = "latest"
+LATEST: Final = "latest"
+"""The link to the newest run, in the place of a run's name."""
 
 
 def write_view(config: RunConfig, run: str, results: Sequence[Result], command: str) -> Path:
@@ -38,7 +39,7 @@ def write_view(config: RunConfig, run: str, results: Sequence[Result], command: 
     shutil.rmtree(folder, ignore_errors=True)
     draft.rename(folder)
     if config.target not in LOOKING_TARGETS and not config.starts_in_studio:
-        _point(runs / _LATEST, run)
+        _point(runs / LATEST, run)
     return folder
 
 

@@ -40,6 +40,14 @@ REFUSED: dict[str, tuple[list[str], list[str]]] = {
         ["rig.calibration={calibration}", "rig.videos={videos}", "seq=../tiny"],
         ["'../tiny' cannot name a sequence"],
     ),
+    "a run outside runs": (
+        ["annotate", "seq=tiny", "run=../store"],
+        ["run=../store cannot name a run", "work/runs", "the folder's name alone"],
+    ),
+    "a run called latest": (
+        ["annotate", "seq=tiny", "run=latest"],
+        ["run=latest cannot name a new run", "another name"],
+    ),
     "absent manifest": (["manifest=/no/manifest.csv"], ["manifest=/no/manifest.csv names no file"]),
     "unusable workspace": (["workspace=/dev/null/work"], ["/dev/null/work"]),
     "nothing to look at": (["plan", "seq=all", "manifest={calibration}"], ["has no column", "sequence_id"]),

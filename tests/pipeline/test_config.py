@@ -47,6 +47,18 @@ def test_a_wrong_value_is_named_with_what_is_allowed(override: str, message: str
         check_config(_compose(override))
 
 
+@pytest.mark.parametrize("parameter", ["run", "other"])
+@pytest.mark.parametrize("name", ["../store", "/abs/mine", "runs/foo", ".", "..", ".hidden", "a\\\\b", "x" * 121])
+def test_a_run_has_no_name_that_leads_elsewhere(parameter: str, name: str) -> None:
+    with pytest.raises(UserError, match=rf"^{parameter}=\S+ cannot name a run: runs are folders of work/runs; give"):
+        check_config(_compose(f"{parameter}='{name}'"))
+
+
+@pytest.mark.parametrize("name", ["", "latest", "monday_2.1", "sweep-20260101-120000-00", "montag früh", "x" * 120])
+def test_a_run_may_have_any_plain_name(name: str) -> None:
+    assert check_config(_compose(f"run='{name}'", f"other='{name}'")).run == name
+
+
 @pytest.mark.parametrize(
     ("overrides", "message"),
     [
