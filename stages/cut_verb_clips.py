@@ -23,6 +23,9 @@ from assemblyhands_core.data.verb_tables import VERB_CLIPS, VERB_PROBLEMS
 from assemblyhands_core.hands.graphs import GraphName
 from stages._contract import Context, Stage, StageConfig, Tables
 
+NO_POSES = "no_poses"
+"""The reason that counts segments which are kept without any hand observed."""
+
 
 class CutVerbClipsConfig(StageConfig):
     """Parameters of cutting."""
@@ -63,7 +66,7 @@ def run(config: CutVerbClipsConfig, inputs: Tables, context: Context) -> Tables:
     pairs = zip(segments, clips, strict=True)
     rows = [row for segment, clip in pairs for row in clip_rows(segment, clip, config.rate_hz)]
     lacking = {
-        "no_poses": sum(not clip.observed.any() for clip in clips),
+        NO_POSES: sum(not clip.observed.any() for clip in clips),
         "too_few_frames": len(found.segments) - len(segments),
     }
     return {"clips": VERB_CLIPS.from_rows(rows), "problems": _problems(found, lacking, context)}

@@ -115,7 +115,7 @@ class VerbSegments:
         dropped: How many were left out, by reason.
         noted: How many of those kept are odd, by what is odd.
         problems: One sentence for each row that is malformed or odd: unreadable, beyond the video, cut to it, too
-            short, overlapped.
+            short, overlapped. What is said of a segment begins with its recording, of a row with the file.
     """
 
     segments: tuple[VerbSegment, ...]

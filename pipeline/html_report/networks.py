@@ -7,10 +7,10 @@ from assemblyhands_core.metrics.verbs import TABLE
 from pipeline.ego_evaluation import egocentric_grid, egocentric_rows
 from pipeline.finished import FinishedRun
 from pipeline.grids import Grid
-from pipeline.html_report.page import Block, Fold, Table
+from pipeline.html_report.page import Block, Fold, Table, Text
 from pipeline.measured import NothingToShow
 from pipeline.paper import EGOCENTRIC_MM, VERBS
-from pipeline.verb_evaluation import verb_grid, verb_rows
+from pipeline.verb_evaluation import odd_labels, verb_grid, verb_rows
 
 Rows = Sequence[Mapping[str, Any]]
 
@@ -34,7 +34,7 @@ def egocentric(run: FinishedRun) -> Iterator[Block]:
 
 
 def verbs(run: FinishedRun) -> Iterator[Block]:
-    """Yield accuracies by source of poses, beside the paper's Table 5, and which verbs are taken for which."""
+    """Yield accuracies by source of poses, beside the paper's Table 5, confusions, and which labels are odd."""
     rows = verb_rows(run.folder)
     if not rows:
         raise NothingToShow("this run has no figures about verbs: `verbs` and `train_verbs` do.")
@@ -43,6 +43,11 @@ def verbs(run: FinishedRun) -> Iterator[Block]:
         yield Table(verb_grid(name, own))
         yield Fold(f"Which verb is taken for which: {name}", list(_confusions(own)))
     yield Table(VERBS, note=_OF_PAPER)
+    odd = odd_labels(run.folder)
+    yield from (Text(f"{line}.") for line in odd.counts)
+    if odd.sentences:
+        grid = Grid("Each once", ["row or segment"], [[sentence] for sentence in odd.sentences])
+        yield Fold("Action labels that are odd or were left out", [Table(grid)])
 
 
 def _confusions(rows: Rows) -> Iterator[Block]:
