@@ -65,7 +65,7 @@ Results: work/runs/latest/<node>/<table>/*.parquet; in Python: assemblyhands_cor
 def main() -> int:
     """Run the command line; return the exit code: 0 done, 1 some shards failed, 2 a mistake in the request."""
     arguments = sys.argv[1:]
-    if arguments[:1] in (["-h"], ["--help"], ["help"]):
+    if arguments[:1] == ["help"] or {"-h", "--help"} & set(arguments):
         print(_USAGE)
         return 0
     command, overrides = _split_command(arguments)

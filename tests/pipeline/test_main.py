@@ -66,6 +66,20 @@ def test_a_sweep_goes_through_its_points(
     assert [config.rounds for _, config in executed] == [1, 2]
 
 
+@pytest.mark.parametrize(
+    "said", ["help", "-h", "--help", "annotate --help", "plan -h", "plan seq=a -m rounds=1 --help"]
+)
+def test_help_is_ours_wherever_it_is_asked_for(
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    executed: list[tuple[str, RunConfig]],
+    said: str,
+) -> None:
+    assert _main(monkeypatch, *said.split()) == 0 and not executed
+    out = capsys.readouterr().out
+    assert out.startswith("usage: python -m pipeline") and "Hydra" not in out
+
+
 def test_import_is_another_name_of_correct(
     monkeypatch: pytest.MonkeyPatch, executed: list[tuple[str, RunConfig]]
 ) -> None:
