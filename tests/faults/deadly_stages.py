@@ -61,7 +61,7 @@ def deadly_dag() -> Dag:
 def main(workspace: Path) -> None:
     """Run the pipeline over two sequences; write what became of every shard as JSON to standard output."""
     config = RunConfig(
-        seq="all", target="gather", manifest=None, release=None, workspace=workspace, run="",
+        seq="all", target="gather", manifest=None, release=None, workspace=workspace, run="", rounds=0,
         gc=GcConfig(keep_runs=1, dry_run=False),
         rig=RigConfig(calibration=None, videos=None),
         executor=LocalConfig(name="local", num_workers=2, memory_limit="auto"),
@@ -69,7 +69,7 @@ def main(workspace: Path) -> None:
     config._dag, config._stages = deadly_dag(), {name: NoConfig() for name in ("cut", "work", "gather")}
     nodes = list(config.dag.nodes.values())
     works = [
-        SequenceWork(config, Recording(name, Path(__file__), {}), _source(name), nodes, workspace / "logs")
+        SequenceWork(config, Recording(name, Path(__file__), {}), {SOURCE_EDGE: _source(name)}, nodes, workspace / "logs")
         for name in ("one", "two")
     ]
     with open_executor(config.executor, workspace, "token") as executor, Progress(Console(quiet=True)) as progress:
