@@ -6,6 +6,7 @@ PYTHON ?= $(shell for python in python3 python3.12 python3.11; do \
 SEQ ?=
 PRESET ?= tiny
 SET ?=
+TARGET ?= annotate
 ARGS ?=
 
 VENV := .venv
@@ -67,8 +68,8 @@ suspects: $(VENV)/.installed  ## what is probably wrong in a run, with pictures,
 correct: $(VENV)/.installed  ## take over what was corrected in CVAT or another tool: FILE=person_keypoints_default.json
 	$(RUN) correct 'corrected=$(FILE)' $(ARGS)
 
-plan: $(VENV)/.installed  ## what `make annotate` would run, what it would reuse, and why
-	$(RUN) plan $(SEQUENCE) $(ARGS)
+plan: $(VENV)/.installed  ## what a run would do, what it would reuse, and why: TARGET=all, evaluate, … (default: annotate)
+	$(RUN) plan $(TARGET) $(if $(filter all,$(TARGET)),preset=$(PRESET)) $(SEQUENCE) $(ARGS)
 
 doctor: $(VENV)/.installed  ## look a recording over before hours are spent on it: SEQ=name
 	$(RUN) doctor $(SEQUENCE) $(ARGS)

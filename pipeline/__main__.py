@@ -16,13 +16,14 @@ from pipeline.commands import execute
 from pipeline.config import CONF_FOLDER, UserError, check_config, chooses_file, unknown_key_message
 from pipeline.dag import build_dag
 from pipeline.describe import describe
-from pipeline.overrides import asks_hydra, has_values_of_sweep, is_sweep, literal, name_runs, stray_word
+from pipeline.overrides import asks_hydra, has_values_of_sweep, is_sweep, literal, name_words, stray_word
 from pipeline.sweeps import Point, write_sweep
 from pipeline.terminal import terminal
 
 _INTERRUPTED = 130  # as shells count it: 128 + SIGINT
 _COMMANDS = ("run", "plan", "preflight", "gc", "fsck", "report", "compare", "view", "suspects", "correct", "describe")
 _OTHER_NAMES = {"import": "correct"}
+_WORDS = {"compare": ("run", "other"), "plan": ("target",)}  # parameters that need no name there
 _USAGE = """usage: python -m pipeline [COMMAND] [parameter=value ...]
 
 commands
@@ -41,7 +42,7 @@ commands
   preflight  say what of the AssemblyHands release is there: manifest=data_manifests/assemblyhands_v1_1.csv release=PATH
   report     write the page of a finished run: run=NAME (default: the latest)
   compare    compare A B: two runs of the same sequences, difference by difference, with paired intervals
-  plan       say what would run, what is reused, and why; changes nothing
+  plan       plan [TARGET], say plan all: what would run, what is reused, and why; changes nothing
   gc         remove results that none of the newest runs refers to
   fsck       read all results again, and set aside what is damaged so that the next run makes it anew
   view       write a run's sequences for the viewer rerun: seq=NAME [run=NAME]; work/runs/<run>/view/<seq>.rrd
@@ -127,10 +128,8 @@ def _split_command(arguments: list[str]) -> tuple[str, list[str]]:
     if not arguments or "=" in arguments[0] or arguments[0].startswith("-"):
         return "run", arguments
     first, rest = _OTHER_NAMES.get(arguments[0], arguments[0]), arguments[1:]
-    if first == "compare":
-        return first, name_runs(rest)
     if first in _COMMANDS:
-        return first, rest
+        return first, name_words(rest, *_WORDS.get(first, ()))
     targets = build_dag().targets
     if first in targets:
         return "run", [f"target={first}", *rest]

@@ -45,10 +45,10 @@ def stray_word(arguments: Sequence[str]) -> str | None:
     return next((a for a in arguments if a.find("=") < 1 and not a.startswith(("-", "~"))), None)
 
 
-def name_runs(arguments: Sequence[str]) -> list[str]:
-    """Return the arguments with leading words, ``A B``, as the runs that they name: ``run=A other=B``."""
+def name_words(arguments: Sequence[str], *parameters: str) -> list[str]:
+    """Return the arguments with leading words as values of these parameters: ``A B`` as ``run=A other=B``."""
     words = list(itertools.takewhile(lambda argument: "=" not in argument and not argument.startswith("-"), arguments))
-    names = [f"{name}={word}" for name, word in zip(("run", "other"), words, strict=False)]
+    names = [f"{name}={word}" for name, word in zip(parameters, words, strict=False)]
     return [*names, *arguments[len(names) :]]
 
 

@@ -67,6 +67,35 @@ def test_a_sweep_goes_through_its_points(
 
 
 @pytest.mark.parametrize(
+    ("said", "target"),
+    [
+        ("plan all preset=tiny", "all"),
+        ("plan evaluate", "evaluate"),
+        ("plan round_0 seq=a", "round_0"),
+        ("plan seq=a", "annotate"),
+        ("plan target=smooth", "smooth"),
+    ],
+)
+def test_a_plan_is_of_the_target_after_it(
+    monkeypatch: pytest.MonkeyPatch, executed: list[tuple[str, RunConfig]], said: str, target: str
+) -> None:
+    assert _main(monkeypatch, *said.split()) == 0
+    assert [(command, config.target) for command, config in executed] == [("plan", target)]
+
+
+@pytest.mark.parametrize(
+    ("said", "sentence"),
+    [("plan al", "^target=al is unknown"), ("plan all quickly", "^quickly is no parameter=value")],
+)
+def test_a_word_after_plan_that_names_no_target_is_refused(
+    monkeypatch: pytest.MonkeyPatch, executed: list[tuple[str, RunConfig]], said: str, sentence: str
+) -> None:
+    with pytest.raises(UserError, match=sentence):
+        _main(monkeypatch, *said.split())
+    assert not executed
+
+
+@pytest.mark.parametrize(
     "said", ["help", "-h", "--help", "annotate --help", "plan -h", "plan seq=a -m rounds=1 --help"]
 )
 def test_help_is_ours_wherever_it_is_asked_for(

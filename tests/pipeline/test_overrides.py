@@ -2,7 +2,7 @@ import hydra
 import pytest
 
 from pipeline.config import CONF_FOLDER
-from pipeline.overrides import asks_hydra, literal, name_runs, stray_word
+from pipeline.overrides import asks_hydra, literal, name_words, stray_word
 
 
 @pytest.mark.parametrize(
@@ -47,7 +47,8 @@ def test_flags_and_settings_of_hydra_are_for_hydra(argument: str) -> None:
     assert asks_hydra([*ours, argument]) and not asks_hydra(ours)
 
 
-def test_words_that_name_runs_become_parameters() -> None:
-    assert name_runs(["a", "b", "workspace=/w"]) == ["run=a", "other=b", "workspace=/w"]
-    assert name_runs(["run=a", "other=b"]) == ["run=a", "other=b"]
-    assert name_runs(["a"]) == ["run=a"] and stray_word(name_runs(["a", "b", "c"])) == "c"
+def test_words_that_name_words_become_parameters() -> None:
+    assert name_words(["a", "b", "workspace=/w"], "run", "other") == ["run=a", "other=b", "workspace=/w"]
+    assert name_words(["run=a", "other=b"], "run", "other") == ["run=a", "other=b"]
+    assert name_words(["a"], "run", "other") == ["run=a"] and name_words(["a"]) == ["a"]
+    assert stray_word(name_words(["a", "b", "c"], "run", "other")) == "c"
