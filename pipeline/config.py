@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from omegaconf import DictConfig, OmegaConf
-from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, ValidationError, field_validator
 
 from assemblyhands_core.data.names import is_file_part
 from assemblyhands_core.data.suspects import SuspicionLimits
@@ -103,6 +103,12 @@ class RunConfig(_Model):
     suspects: SuspectsConfig = SuspectsConfig()
     _dag: Dag = PrivateAttr()
     _stages: Mapping[str, StageConfig] = PrivateAttr()
+
+    @field_validator("corrected", mode="before")
+    @classmethod
+    def _named(cls, value: object) -> object:
+        """Return None for no name, which `make correct` without FILE gives; as a path it would be this folder."""
+        return value or None
 
     @property
     def dag(self) -> Dag:

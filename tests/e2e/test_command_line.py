@@ -48,6 +48,7 @@ REFUSED: dict[str, tuple[list[str], list[str]]] = {
         ["annotate", "seq=tiny", "run=latest"],
         ["run=latest cannot name a new run", "another name"],
     ),
+    "nothing to correct": (["correct", "corrected="], ["name the COCO keypoints file", "corrected=PATH"]),
     "absent manifest": (["manifest=/no/manifest.csv"], ["manifest=/no/manifest.csv names no file"]),
     "unusable workspace": (["workspace=/dev/null/work"], ["/dev/null/work"]),
     "nothing to look at": (["plan", "seq=all", "manifest={calibration}"], ["has no column", "sequence_id"]),

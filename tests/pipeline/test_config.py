@@ -24,6 +24,11 @@ def test_the_defaults_are_valid_and_frozen() -> None:
         config.stages["ingest"].chunk_frames = 1  # type: ignore[attr-defined]
 
 
+@pytest.mark.parametrize(("said", "path"), [("", None), ("null", None), ("a.json", Path("a.json"))])
+def test_a_corrected_file_without_a_name_is_none(said: str, path: Path | None) -> None:
+    assert check_config(_compose(f"corrected={said}")).corrected == path
+
+
 def test_overrides_reach_run_and_stages() -> None:
     config = check_config(_compose("ingest.chunk_frames=25", "executor=serial", "seq=all"))
     assert config.stages["ingest"].model_dump()["chunk_frames"] == 25
