@@ -1,5 +1,6 @@
 """What a run says at its end, and what ``plan`` and ``doctor`` print."""
 
+import itertools
 import json
 import time
 from collections import defaultdict
@@ -96,7 +97,7 @@ def print_quality(console: Console, run: Path) -> None:
     for path in sorted((run / "detect_hands" / "followed").glob("*.parquet")):
         for note in pq.read_table(path.resolve()).column("note").to_pylist():
             say(console, f"{path.stem}: {note}")
-    for picture in drawn_pictures(run):
+    for picture in itertools.chain(*drawn_pictures(run).values()):
         say(console, f"picture: {picture}")
 
 
@@ -112,10 +113,14 @@ def quality_grids(run: Path) -> list[Grid]:
     return grids
 
 
-def drawn_pictures(run: Path) -> list[Path]:
-    """Return the pictures and films that a run's nodes drew."""
-    tables = [path.resolve() for path in sorted(run.glob("*/overlays/*.parquet"))]
-    return [path.parent / name for path in tables for name in pq.read_table(path).column("overlay_file").to_pylist()]
+def drawn_pictures(run: Path) -> dict[str, list[Path]]:
+    """Return the pictures and films that each of a run's nodes drew."""
+    drawn: dict[str, list[Path]] = defaultdict(list)
+    for link in sorted(run.glob("*/overlays/*.parquet")):
+        table = link.resolve()
+        names = pq.read_table(table).column("overlay_file").to_pylist()
+        drawn[link.parents[1].name] += [table.parent / name for name in names]
+    return {node: paths for node, paths in drawn.items() if paths}
 
 
 def print_rounds(console: Console, run: Path, synthetic: Collection[str]) -> None:

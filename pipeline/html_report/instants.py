@@ -1,7 +1,8 @@
 """Hands to look at: the worst ones and some at random, from round to round; and what nodes drew."""
 
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from itertools import islice
+from itertools import chain, islice, zip_longest
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -60,12 +61,22 @@ def instants(run: FinishedRun) -> Iterator[Block]:
 
 
 def drawn(run: FinishedRun) -> Iterator[Block]:
-    """Yield the pictures that the run's nodes drew: overlays of the fixed cameras, the headset's crops."""
-    found = (from_file(path) for path in drawn_pictures(run.folder))
-    pictures = list(islice((picture for picture in found if picture is not None), MAX_DRAWN))
-    if not pictures:
+    """Yield the pictures that the run's nodes drew: overlays of the fixed cameras, the headset's crops.
+
+    Nodes take turns, so that one that drew many does not leave out the others.
+    """
+    by_node = drawn_pictures(run.folder)
+    turns = zip_longest(*([(node, path) for path in paths] for node, paths in by_node.items()))
+    found = ((turn[0], from_file(turn[1])) for turn in chain.from_iterable(turns) if turn is not None)
+    shown = list(islice(((node, picture) for node, picture in found if picture is not None), MAX_DRAWN))
+    if not shown:
         raise NothingToShow("this run drew none: `annotate` and `predict` do.")
-    yield from pictures
+    yield from (picture for _, picture in shown)
+    num_shown = Counter(node for node, _ in shown)
+    for node, paths in by_node.items():
+        if num_more := len(paths) - num_shown[node]:
+            where = f"they lie where the links `{node}/overlays/*.parquet` lead"
+            yield Text(f"{node}: {num_more} more of {len(paths)} pictures and films; {where}.")
 
 
 def _by_error(run: FinishedRun) -> Iterator[_Rated]:
