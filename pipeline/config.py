@@ -150,9 +150,7 @@ def check_config(composed: DictConfig) -> RunConfig:
     _check_run_names(config)
     dag = build_dag(config.rounds, config.ego_network == "trained", config.ego_labels)
     config._dag, config._stages = dag, stages
-    known = [*dag.targets, *dag.nodes]
-    if config.target not in known:
-        raise UserError(f"target={config.target} is unknown; choose among {', '.join(known)}")
+    _check_target(config)
     return config
 
 
@@ -171,6 +169,18 @@ def unknown_key_message(overrides: Sequence[str], composed: DictConfig) -> str |
 def chooses_file(override: str) -> bool:
     """Return whether an override puts one file of ``conf`` in the place of another, as ``executor=serial`` does."""
     return (CONF_FOLDER / override.partition("=")[0].split("@")[0]).is_dir()
+
+
+def _check_target(config: RunConfig) -> None:
+    """Refuse what is neither a target nor a node; only targets are listed, as nodes are more than a hundred."""
+    known = [*config.dag.targets, *config.dag.nodes]
+    if config.target not in known:
+        near = difflib.get_close_matches(config.target, known, n=1)
+        hint = f" (did you mean {near[0]}?)" if near else ""
+        raise UserError(
+            f"target={config.target} is unknown{hint}; choose among {', '.join(config.dag.targets)}, "
+            "or a node of `python -m pipeline describe`"
+        )
 
 
 def _check_run_names(config: RunConfig) -> None:

@@ -33,7 +33,10 @@ REFUSED: dict[str, tuple[list[str], list[str]]] = {
     "out of bounds": (["triangulate.min_views=1"], ["triangulate.min_views=1 is not possible", "equal to 2"]),
     "a sweep without -m": (["ingest.chunk_frames=8,16"], ["ingest.chunk_frames='8,16' is not possible", "integer"]),
     "unknown command": (["anotate"], ["there is no command anotate", "annotate, smooth, evaluate, doctor"]),
-    "unknown target": (["target=round_9"], ["target=round_9 is unknown", "round_0"]),
+    "unknown target": (
+        ["target=round_9"],
+        ["target=round_9 is unknown (did you mean round_3?)", "annotate, smooth, evaluate, doctor"],
+    ),
     "unknown executor": (["executor=quick"], ["there is no executor/quick", "local, serial"]),
     "a word too many": (["annotate", "seq=tiny", "quickly"], ["quickly is no parameter=value"]),
     "a name that is none": (

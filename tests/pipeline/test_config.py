@@ -52,6 +52,18 @@ def test_a_wrong_value_is_named_with_what_is_allowed(override: str, message: str
         check_config(_compose(override))
 
 
+@pytest.mark.parametrize(
+    ("target", "near"),
+    [("anotate", " (did you mean annotate?)"), ("detect_hand", " (did you mean detect_hands?)"), ("0815", "")],
+)
+def test_an_unknown_target_gets_the_nearest_name_and_targets_alone(target: str, near: str) -> None:
+    with pytest.raises(UserError) as refused:
+        check_config(_compose(f"target='{target}'"))
+    said = str(refused.value)
+    assert said.startswith(f"target={target} is unknown{near}; choose among annotate, smooth, evaluate, doctor,")
+    assert said.endswith(", train_own, or a node of `python -m pipeline describe`") and "undistort_ego" not in said
+
+
 @pytest.mark.parametrize("parameter", ["run", "other"])
 @pytest.mark.parametrize("name", ["../store", "/abs/mine", "runs/foo", ".", "..", ".hidden", "a\\\\b", "x" * 121])
 def test_a_run_has_no_name_that_leads_elsewhere(parameter: str, name: str) -> None:
