@@ -9,6 +9,7 @@ from typing import Any, Final
 from rich.console import Console
 
 from assemblyhands_core.data.layout import DatasetLayout
+from assemblyhands_core.data.video import VideoError
 from assemblyhands_core.viz.rerun_file import NoRerun
 from pipeline.config import RunConfig, UserError
 from pipeline.manifests import select_rows
@@ -26,7 +27,7 @@ def write_rerun_views(config: RunConfig, console: Console) -> int:
     """Write a file for rerun for each sequence that ``seq`` names in a run; return the exit code.
 
     Raises:
-        UserError: There is no such run or sequence, or rerun is not installed.
+        UserError: There is no such run or sequence, a video is gone or damaged, or rerun is not installed.
     """
     run = _run_folder(config)
     for sequence_id in _chosen(config.seq, run):
@@ -36,6 +37,9 @@ def write_rerun_views(config: RunConfig, console: Console) -> int:
             said = write_scene(path, SequenceTables(run, sequence_id), config.view, _min_confidence(config), truth)
         except NoRerun as error:
             raise UserError(str(error)) from error
+        except VideoError as error:
+            remedy = "put the video back where the run had it, or write the file without pictures: view.pictures=false"
+            raise UserError(f"{sequence_id}: {error}; {remedy}") from error
         _say(console, said, path)
     return 0
 

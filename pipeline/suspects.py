@@ -67,7 +67,7 @@ def write_suspects(config: RunConfig, console: Console) -> int:
     """Write a task for each sequence that ``seq`` names in a run; return the exit code.
 
     Raises:
-        UserError: There is no such run or sequence, or nowhere to write.
+        UserError: There is no such run or sequence, nowhere to write, or none of the videos is where it was.
     """
     if config.corrections is None:
         raise UserError("corrections=null says that none are used; name their folder: corrections=PATH")
@@ -104,8 +104,15 @@ def _write_one(run: FinishedRun, sequence_id: str, config: RunConfig, correction
     if not pictures:
         yield "no view shows any of them"
         return
+    readers, lost = _opened({picture.camera_id: found.video_files[picture.camera_id] for picture in pictures})
+    yield from (f"  {camera_id} is left out: {error}" for camera_id, error in lost.items())
+    if not readers:
+        raise UserError(
+            f"{sequence_id}: no video of the views to look at can be read; put them back where the run had them, "
+            f"the first: {next(iter(lost.values()))}"
+        )
     folder = task_folder(corrections, pictures[0].file_name)
-    written = list(_written(folder / IMAGES, found, pictures, wanted.jpeg_quality))
+    written = list(_written(folder / IMAGES, readers, pictures, wanted.jpeg_quality))
     rows = [(s.frame, s.hand, f"{s.severity:.2f}", "; ".join(s.reasons)) for s in chosen]
     write_task(folder, written, rows)
     yield from (f"  frame {frame}, {hand} hand: {reasons}" for frame, hand, _, reasons in rows[:_SHOWN])
@@ -164,11 +171,26 @@ def _size(camera: Camera, start: Mapping[Hand, Floats], hands: Sequence[str]) ->
     return sum(map(len, inside)), sum(sides)
 
 
-def _written(folder: Path, found: _Found, pictures: Sequence[TaskPicture], quality: int) -> Iterator[TaskPicture]:
+def _opened(video_files: Mapping[str, str]) -> tuple[dict[str, VideoReader], dict[str, VideoError]]:
+    """Return the videos of cameras, and of those whose video cannot be opened the reason: it may have been moved."""
+    readers: dict[str, VideoReader] = {}
+    lost: dict[str, VideoError] = {}
+    for camera_id, path in video_files.items():
+        try:
+            readers[camera_id] = VideoReader(path)
+        except VideoError as error:
+            lost[camera_id] = error
+    return readers, lost
+
+
+def _written(
+    folder: Path, readers: Mapping[str, VideoReader], pictures: Sequence[TaskPicture], quality: int
+) -> Iterator[TaskPicture]:
     """Write pictures as the videos have them; yield those that could be read."""
     folder.mkdir(parents=True, exist_ok=True)
-    readers = {name: VideoReader(found.video_files[name]) for name in {picture.camera_id for picture in pictures}}
     for picture in pictures:
+        if picture.camera_id not in readers:
+            continue
         try:
             ((_, image),) = readers[picture.camera_id].frames(picture.frame, 1)
         except VideoError:  # detectors found nothing there either; the others are worth looking at

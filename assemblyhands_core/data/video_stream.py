@@ -86,8 +86,9 @@ def opened(path: Path, threads: int = 1) -> Iterator[tuple[Any, Any]]:
         VideoError: `missing_file` or `not_a_video`.
     """
     if not path.is_file():
+        known_as = path.resolve() if path.is_symlink() else path  # the store has links to the videos of a rig
         raise VideoError(
-            f"{path}: no such file; check the path or the pattern of rig.videos", "missing_file", str(path)
+            f"{known_as}: no such file; check the path or the pattern of rig.videos", "missing_file", str(path)
         )
     try:
         container = av.open(str(path.resolve()), options=_OPTIONS)

@@ -149,5 +149,40 @@ def test_without_the_file_all_is_as_before_at_no_cost(corrected: Corrected) -> N
     assert "nothing to do" in plan.out, "corrections survive runs"
 
 
+def test_views_whose_videos_were_moved_are_left_out_and_named(corrected: Corrected) -> None:
+    front = corrected.tiny.video("front")
+    tasks = corrected.workspace.parent / "tasks"
+    suspects = ["suspects", "run=before", "seq=tiny", f"corrections={tasks}"]
+    view = ["view", "run=before", "seq=tiny", "view.num_frames=2", "view.max_side_px=160"]
+    front.rename(front.with_suffix(".away"))
+    try:
+        some = pipeline(*suspects, workspace=corrected.workspace).assert_done()
+        seen = pipeline(*view, workspace=corrected.workspace)
+        blind = pipeline(*view, "view.pictures=false", workspace=corrected.workspace).assert_done()
+    finally:
+        front.with_suffix(".away").rename(front)
+    assert f"front is left out: {front}: no such file" in some.said and "in 3 pictures" in some.said
+    (listed,) = tasks.glob("tiny/*/pictures.csv")
+    with listed.open() as file:
+        assert {row["camera_id"] for row in csv.DictReader(file)} == set(corrected.tiny.cameras) - {"front"}
+    assert seen.code == 2 and "Traceback" not in seen.said
+    assert seen.err.startswith(f"error: tiny: {front}: ") and "view.pictures=false" in seen.err
+    assert "tiny.rrd" in blind.out
+
+
+def test_without_any_video_there_is_no_task_but_a_sentence(corrected: Corrected) -> None:
+    videos = [corrected.tiny.video(camera_id) for camera_id in corrected.tiny.cameras]
+    tasks = corrected.workspace.parent / "none"
+    for video in videos:
+        video.rename(video.with_suffix(".away"))
+    try:
+        blind = pipeline("suspects", "run=before", "seq=tiny", f"corrections={tasks}", workspace=corrected.workspace)
+    finally:
+        for video in videos:
+            video.with_suffix(".away").rename(video)
+    assert blind.code == 2 and "Traceback" not in blind.said and not tasks.exists()
+    assert "error: tiny: no video of the views to look at can be read; put them back" in blind.err
+
+
 def _cells(line: str) -> list[str]:
     return [cell.strip() for cell in line.split("│")[1:-1]]
