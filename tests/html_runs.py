@@ -62,6 +62,7 @@ def write_run(
         write_keypoints(run, sequence, 0, 20, str(video))
         for node in ("round_0", "round_1", "round_2"):
             _write_manifest(run / node, sequence)
+    (run / "evaluation_0").mkdir(parents=True, exist_ok=True)
     (run / "evaluation_0" / "manifest.json").write_text(json.dumps({"stage": "evaluate", "shards": {}}))
     failure = {"node": "quality", "shard": "x", "status": "failed", "error": "<img src=x onerror=hostile()>"}
     record = {

@@ -53,14 +53,21 @@ def _by_joint(cells: Sequence[Cell], method: str) -> np.ndarray:
 
 
 def _by_group(cells: Sequence[Cell], kind: str) -> Grid:
-    """Return MPJPE by group and method; beside it the least coverage and number of joints of any method."""
+    """Return MPJPE by group and method, a dash where a method has nothing of a group.
+
+    Beside it the least coverage and number of joints of the methods that have it.
+    """
     found = {(cell.group, cell.row): cell for cell in cells if cell.table == f"{TABLE}_by_{kind}"}
     groups, methods = (list(dict.fromkeys(key[place] for key in found)) for place in (0, 1))
     rows = []
     for group in groups:
-        of_group = [found[group, method] for method in methods if (group, method) in found]
-        figures = ["–" if cell.value != cell.value else f"{cell.value:.2f}" for cell in of_group]
+        figures = [_figure(found[group, method].value, 2) if (group, method) in found else "–" for method in methods]
+        of_group = [cell for (name, _), cell in found.items() if name == group]
         coverage, n = min(cell.coverage for cell in of_group), min(cell.n for cell in of_group)
-        rows.append([group, *figures, "–" if coverage != coverage else f"{coverage:.1f}", str(n)])
+        rows.append([group, *figures, _figure(coverage, 1), str(n)])
     columns = [kind, *(f"{method_label(name)} (mm)" for name in methods), "found, least (%)", "n, least"]
-    return Grid(f"MPJPE by {kind}", columns, [row for row in rows if len(row) == len(columns)])
+    return Grid(f"MPJPE by {kind}", columns, rows)
+
+
+def _figure(value: float, digits: int) -> str:
+    return "–" if np.isnan(value) else f"{value:.{digits}f}"

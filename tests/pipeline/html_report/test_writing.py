@@ -5,11 +5,16 @@ import io
 import re
 from pathlib import Path
 
+import numpy as np
 import pyarrow as pa
 import pytest
+from error_tables import errors_table
+from finished_run import write_errors, write_table
 from html_runs import HOSTILE, finished, write_networks, write_run
 from rich.console import Console
 
+from assemblyhands_core.data.catalog import OVERLAYS
+from assemblyhands_core.data.crop_images import encode_jpeg
 from pipeline.evaluation import Pool
 from pipeline.html_report.annotation import pool_title
 from pipeline.html_report.page import Drawings, Fold, Page, Picture, Section, Table, Text
@@ -69,6 +74,26 @@ def test_reprojection_is_by_camera_joint_and_round(page: Page) -> None:
     ]
 
 
+def test_a_group_that_one_method_lacks_has_a_dash_there(tmp_path: Path) -> None:
+    """Every other frame is a "pull", which the second method's labels do not know: 10 of 20 frames of 42 joints."""
+    run = write_run(tmp_path, "made_up", sequences=())
+    first, second = (
+        errors_table({method: np.full((20, 2), mm)}, verbs=verbs)
+        for method, mm, verbs in (("2d_triangulation", 8.0, ("screw", "pull")), ("R1", 4.0, ("screw",)))
+    )
+    write_errors(run, "s", pa.concat_tables([first, second]))
+    (by_verb,) = [
+        table
+        for table in _tables(_section(run_page(finished(tmp_path, "made_up")), "Error by joint"))
+        if table.grid.title == "MPJPE by verb"
+    ]
+    assert by_verb.grid.columns[1:3] == ["2D + triangulation (mm)", "R1 (mm)"]
+    assert sorted(by_verb.grid.rows) == [
+        ["pull", "8.00", "–", "100.0", "420"],
+        ["screw", "8.00", "4.00", "100.0", "420"],
+    ]
+
+
 def test_displacements_sequences_and_time(page: Page) -> None:
     moved = _rows(_tables(_section(page, "From round to round"))[0])
     assert moved["R0 → R1"]["moved: median (mm)"] == "1.00" and moved["R1 → R2"]["hands"] == "40"
@@ -108,6 +133,25 @@ def test_what_the_run_has_not_is_said_at_the_end(page: Page) -> None:
         "Quality without truth: this run made no quality tables: `annotate` does.",
     ]
     assert not {"Overlays", "Quality without truth"} & {section.title for section in page.sections}
+
+
+def test_nodes_take_turns_with_their_pictures_and_what_is_not_shown_is_counted(tmp_path: Path) -> None:
+    """The headset's sheets, first by name, would fill the page; of a film there is nothing to show."""
+    run = write_run(tmp_path, "made_up")
+    for node, names in {
+        "ego_sheet": [f"sheet_{k}.jpg" for k in range(8)],
+        "overlay": ["film.mp4", "a.jpg", "b.jpg"],
+    }.items():
+        rows = [{"sequence_id": "s", "kind": n, "camera_id": "", "overlay_file": n, "sha256": ""} for n in names]
+        write_table(run / node / "overlays" / "s.parquet", OVERLAYS, OVERLAYS.from_rows(rows))
+        for name in names:
+            (run / node / "overlays" / name).write_bytes(encode_jpeg(np.full((8, 8, 3), 90, np.uint8), 95))
+    section = _section(run_page(finished(tmp_path, "made_up")), "Overlays")
+    pictures = [block.alt.split()[-1] for block in section.blocks if isinstance(block, Picture)]
+    assert pictures == ["sheet_0.jpg", "sheet_1.jpg", "a.jpg", "sheet_2.jpg", "b.jpg", "sheet_3.jpg"]
+    lines = [block.text for block in section.blocks if isinstance(block, Text)]
+    assert len(lines) == 2 and all("/overlays/*.parquet` lead" in line for line in lines)
+    assert lines[0].startswith("ego_sheet: 4 more of 8 ") and lines[1].startswith("overlay: 1 more of 3 ")
 
 
 def test_nothing_from_data_reaches_the_page_as_markup(page: Page) -> None:
