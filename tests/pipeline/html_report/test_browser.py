@@ -4,7 +4,10 @@ import asyncio
 import base64
 from pathlib import Path
 
+import numpy as np
 from browser import Tab, chromium, first_tab
+from error_tables import errors_table
+from finished_run import write_errors
 from html_runs import finished, write_run
 
 from pipeline.html_report.writing import run_page
@@ -12,6 +15,8 @@ from pipeline.html_report.writing import run_page
 _PICTURES = "[...document.images].map((image) => image.complete && image.naturalWidth > 0)"
 _COLUMN = "[...document.querySelectorAll('#sequences tbody tr')].map((row) => row.cells[{}].textContent)"
 _SORTED = "document.querySelector('#sequences th:nth-child({}) ').getAttribute('aria-sort')"
+_MPJPE = "[...document.querySelectorAll('#summary th')].find((head) => head.textContent == 'MPJPE of found (mm)')"
+_FIGURES = f"[...{_MPJPE}.closest('table').tBodies[0].rows].map((row) => row.cells[{_MPJPE}.cellIndex].textContent)"
 
 
 def test_it_opens_without_complaint_shows_its_pictures_and_sorts_its_tables(tmp_path: Path) -> None:
@@ -44,3 +49,25 @@ async def _sort(tab: Tab) -> None:
     await tab.press("Enter", 13, "\r")
     assert await tab.evaluate(_COLUMN.format(0)) == ascending[::-1]
     assert await tab.evaluate(_SORTED.format(1)) == "descending"
+
+
+def test_figures_with_intervals_are_sorted_by_their_number_and_dashes_stand_last(tmp_path: Path) -> None:
+    """By their letters 9.00 would be more than 10.00."""
+    run, page = write_run(tmp_path, "made_up", sequences=()), tmp_path / "report.html"
+    errors_mm = {"2d_triangulation": 9.0, "R1": np.nan, "R2": 10.0}
+    write_errors(run, "s", errors_table({name: np.full((20, 2), mm) for name, mm in errors_mm.items()}))
+    page.write_text(run_page(finished(tmp_path, "made_up")).render())
+    with chromium(tmp_path / "profile") as address:
+        asyncio.run(_sort_figures(address, page))
+
+
+async def _sort_figures(address: str, page: Path) -> None:
+    tab = await first_tab(address)
+    await tab.open(page)
+    nine, ten = "9.00 (9.00 to 9.00)", "10.00 (10.00 to 10.00)"
+    assert await tab.evaluate(_FIGURES) == [nine, "–", ten]
+    for order, figures in (("descending", [ten, nine, "–"]), ("ascending", [nine, ten, "–"])):
+        await tab.evaluate(f"{_MPJPE}.querySelector('button').click()")
+        assert await tab.evaluate(_FIGURES) == figures
+        assert await tab.evaluate(f"{_MPJPE}.getAttribute('aria-sort')") == order
+    assert tab.complaints == []
