@@ -13,8 +13,11 @@ from pydantic import ValidationError
 
 from pipeline.config import RigConfig, RunConfig, UserError
 from pipeline.evaluation import kinds_of_sequences
+from pipeline.history import History
+from pipeline.manifests import listed
 from pipeline.measured import Measured, measure
 from pipeline.recordings import synthetic_sequences
+from pipeline.view import LATEST
 from stages import annotate_round, evaluate, tabulate_ego, tabulate_verbs
 from stages._contract import StageConfig
 
@@ -110,12 +113,12 @@ def open_run(config: RunConfig, name: str) -> FinishedRun:
     Raises:
         UserError: there is no such run.
     """
-    folder = (config.workspace / "runs" / (name or "latest")).resolve()
+    runs = config.workspace / "runs"
+    folder = (runs / (name or LATEST)).resolve()
     if not (folder / "run.json").is_file():
-        there = sorted(path.parent.name for path in folder.parent.glob("[!.]*/run.json"))
-        raise UserError(
-            f"there is no run {name or 'latest'} in {folder.parent}; there are: {', '.join(there) or 'none'}"
-        )
+        if not (there := [run.name for run in History(config.workspace).runs]):
+            raise UserError(f"there is no run in {runs} yet; `make annotate` makes one")
+        raise UserError(f"there is no run {name or LATEST} in {runs}; choose among {listed(there)}")
     config = _as_it_ran(config, folder)
     try:
         kinds = kinds_of_sequences(config)

@@ -50,6 +50,12 @@ def checked_name(name: str) -> str:
     return name
 
 
+def listed(names: Sequence[str]) -> str:
+    """Return the first names with commas between them, and how many more there are."""
+    more = f" and {len(names) - _MAX_LISTED} more" if len(names) > _MAX_LISTED else ""
+    return (", ".join(names[:_MAX_LISTED]) or "none") + more
+
+
 def _selected(wanted: str, names: list[str]) -> list[str]:
     if wanted == "all":
         return names
@@ -58,16 +64,11 @@ def _selected(wanted: str, names: list[str]) -> list[str]:
         matches = fnmatch.filter(names, pattern.strip())
         if not matches:
             raise UserError(
-                f"there is no sequence {pattern}; the manifest has {_listed(names)}. "
+                f"there is no sequence {pattern}; the manifest has {listed(names)}. "
                 "For files of your own: rig.calibration=PATH rig.videos='GLOB' seq=NAME"
             )
         chosen += [name for name in matches if name not in chosen]
     return chosen
-
-
-def _listed(names: Sequence[str]) -> str:
-    more = f" and {len(names) - _MAX_LISTED} more" if len(names) > _MAX_LISTED else ""
-    return (", ".join(names[:_MAX_LISTED]) or "none") + more
 
 
 def _manifest_rows(manifest: str | None) -> dict[str, ManifestRow]:

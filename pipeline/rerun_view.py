@@ -1,6 +1,5 @@
 """``python -m pipeline view``: a run's sequences as files for the viewer rerun, ``work/runs/<run>/view/<seq>.rrd``."""
 
-import fnmatch
 import json
 from collections.abc import Mapping
 from pathlib import Path
@@ -12,14 +11,14 @@ from assemblyhands_core.data.layout import DatasetLayout
 from assemblyhands_core.data.video import VideoError
 from assemblyhands_core.viz.rerun_file import NoRerun
 from pipeline.config import RunConfig, UserError
+from pipeline.finished import open_run
 from pipeline.manifests import select_rows
 from pipeline.rerun_scene import write_scene
-from pipeline.sequence_tables import SequenceTables, sequence_of
+from pipeline.sequence_tables import SequenceTables, chosen_sequences, sequence_of
 from pipeline.takes import STUDIO_PACKAGE, studio_folder
 from pipeline.terminal import say
 
 _FOLDER: Final = "view"
-_LATEST: Final = "latest"
 _CAMERA_NODES: Final = ("ingest", "ingest_ego")
 
 
@@ -29,8 +28,8 @@ def write_rerun_views(config: RunConfig, console: Console) -> int:
     Raises:
         UserError: There is no such run or sequence, a video is gone or damaged, or rerun is not installed.
     """
-    run = _run_folder(config)
-    for sequence_id in _chosen(config.seq, run):
+    run = open_run(config, config.run).folder
+    for sequence_id in chosen_sequences(config.seq, _sequences_with_cameras(run), run.name, "cameras"):
         path = run / _FOLDER / f"{sequence_id}.rrd"
         truth = ground_truth_folder(config, run, sequence_id, console)
         try:
@@ -55,26 +54,8 @@ def _min_confidence(config: RunConfig) -> float:
     return float(config.stages["triangulate"].model_dump()["min_confidence"])
 
 
-def _run_folder(config: RunConfig) -> Path:
-    runs = config.workspace / "runs"
-    folder = runs / (config.run or _LATEST)
-    if not (folder / "run.json").is_file():
-        names = sorted(path.parent.name for path in runs.glob("[!.]*/run.json"))
-        raise UserError(
-            f"{folder} is no run; run=NAME is one of {', '.join(names[-8:]) or 'none yet: `annotate` makes one'}"
-        )
-    return folder.resolve()
-
-
-def _chosen(wanted: str, run: Path) -> list[str]:
-    """Return the sequences of a run that have cameras and that ``seq`` names."""
-    files = [file for node in _CAMERA_NODES for file in run.glob(f"{node}/views/*.parquet")]
-    names = sorted({sequence_of(file) for file in files})
-    patterns = ["*"] if wanted == "all" else [pattern.strip() for pattern in wanted.split(",")]
-    chosen = [name for name in names if any(fnmatch.fnmatchcase(name, pattern) for pattern in patterns)]
-    if not chosen:
-        raise UserError(f"run {run.name} has no cameras of sequence {wanted}; seq= is one of {', '.join(names) or '-'}")
-    return chosen
+def _sequences_with_cameras(run: Path) -> list[str]:
+    return sorted({sequence_of(file) for node in _CAMERA_NODES for file in run.glob(f"{node}/views/*.parquet")})
 
 
 def ground_truth_folder(config: RunConfig, run: Path, sequence_id: str, console: Console) -> Path | None:

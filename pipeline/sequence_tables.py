@@ -1,6 +1,8 @@
 """The tables of one sequence in the folder of a run."""
 
+import fnmatch
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -10,6 +12,8 @@ import pyarrow.compute as pc
 
 from assemblyhands_core.data.store import load_table
 from assemblyhands_core.data.tables import TableSpec
+from pipeline.config import UserError
+from pipeline.manifests import listed
 
 _SHARD: Final = re.compile(r"(?P<sequence>.+?)(\.\d{5})?\.parquet")
 
@@ -43,6 +47,25 @@ class SequenceTables:
     def _files(self, node: str, table: str) -> list[Path]:
         files = sorted((self.run / node / table).glob("*.parquet"))
         return [file for file in files if sequence_of(file) == self.sequence_id]
+
+
+def chosen_sequences(wanted: str, there: Sequence[str], run: str, needed: str) -> list[str]:
+    """Return the sequences of a run that ``seq`` names.
+
+    Args:
+        wanted: Names and globs with commas between them, or all.
+        there: The sequences that have what is needed.
+        run: The run's name, for the message.
+        needed: What is needed of a sequence, for the message.
+
+    Raises:
+        UserError: It names none of them.
+    """
+    patterns = ["*"] if wanted == "all" else [pattern.strip() for pattern in wanted.split(",")]
+    chosen = [name for name in there if any(fnmatch.fnmatchcase(name, pattern) for pattern in patterns)]
+    if not chosen:
+        raise UserError(f"run {run} has no {needed} of sequence {wanted}; seq= is one of {listed(there)}")
+    return chosen
 
 
 def sequence_of(file: Path) -> str:

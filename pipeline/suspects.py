@@ -1,6 +1,5 @@
 """``python -m pipeline suspects``: the hands of a run that are probably wrong, as tasks for annotation tools."""
 
-import fnmatch
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -26,7 +25,7 @@ from pipeline.config import RunConfig, UserError
 from pipeline.correction_folders import IMAGES, task_folder, task_pictures, write_task
 from pipeline.finished import FinishedRun, open_run
 from pipeline.round_crops import round_nodes
-from pipeline.sequence_tables import SequenceTables
+from pipeline.sequence_tables import SequenceTables, chosen_sequences
 from pipeline.terminal import say
 
 _SHOWN = 5
@@ -72,19 +71,11 @@ def write_suspects(config: RunConfig, console: Console) -> int:
     if config.corrections is None:
         raise UserError("corrections=null says that none are used; name their folder: corrections=PATH")
     run = open_run(config, config.run)
-    for sequence_id in _chosen(config.seq, run):
+    there = [name for name in run.sequences if any(run.folder.glob(f"round_0/joints/{name}.*"))]
+    for sequence_id in chosen_sequences(config.seq, there, run.name, "joints"):
         for sentence in _write_one(run, sequence_id, config, config.corrections.absolute()):
             say(console, sentence)
     return 0
-
-
-def _chosen(wanted: str, run: FinishedRun) -> list[str]:
-    there = [name for name in run.sequences if any(run.folder.glob(f"round_0/joints/{name}.*"))]
-    patterns = ["*"] if wanted == "all" else [pattern.strip() for pattern in wanted.split(",")]
-    chosen = [name for name in there if any(fnmatch.fnmatchcase(name, pattern) for pattern in patterns)]
-    if not chosen:
-        raise UserError(f"run {run.name} has no joints of sequence {wanted}; seq= is one of {', '.join(there) or '-'}")
-    return chosen
 
 
 def _write_one(run: FinishedRun, sequence_id: str, config: RunConfig, corrections: Path) -> Iterator[str]:

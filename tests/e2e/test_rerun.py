@@ -105,7 +105,9 @@ def test_some_frames_without_pictures_are_a_small_file(judged: Any) -> None:
 
 
 def test_mistakes_are_sentences(judged: Any) -> None:
-    pipeline("view", "seq=tiny", "run=none", workspace=judged.workspace).assert_refused(2, "none is no run", "judged")
+    pipeline("view", "seq=tiny", "run=none", workspace=judged.workspace).assert_refused(
+        2, "there is no run none", "judged"
+    )
     pipeline("view", "seq=monday", workspace=judged.workspace).assert_refused(
         2, "no cameras of sequence monday", "tiny"
     )

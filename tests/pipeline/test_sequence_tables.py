@@ -1,9 +1,11 @@
 from pathlib import Path
 
+import pytest
 from finished_run import write_rounds
 
 from assemblyhands_core.data.catalog import JOINTS
-from pipeline.sequence_tables import SequenceTables, between, sequence_of
+from pipeline.config import UserError
+from pipeline.sequence_tables import SequenceTables, between, chosen_sequences, sequence_of
 
 
 def test_a_sequence_has_its_own_rows_of_all_chunks_alone(tmp_path: Path) -> None:
@@ -26,3 +28,25 @@ def test_names_may_end_like_shards_and_sequences() -> None:
     assert sequence_of(Path("monday.00012.parquet")) == "monday"
     assert sequence_of(Path("monday.parquet")) == "monday"
     assert sequence_of(Path("mon.day.2.parquet")) == "mon.day.2"
+
+
+@pytest.mark.parametrize(
+    ("wanted", "chosen"),
+    [
+        ("all", ["friday", "monday", "tuesday"]),
+        ("monday", ["monday"]),
+        ("tuesday, f*", ["friday", "tuesday"]),
+        ("*s*,sunday", ["tuesday"]),
+    ],
+)
+def test_sequences_are_chosen_by_names_and_globs(wanted: str, chosen: list[str]) -> None:
+    assert chosen_sequences(wanted, ["friday", "monday", "tuesday"], "mine", "joints") == chosen
+
+
+@pytest.mark.parametrize(
+    ("wanted", "there", "names"),
+    [("Monday", ["monday", "b"], "monday, b"), ("monday", [], "none"), ("all", [], "none")],
+)
+def test_no_sequence_to_choose_is_a_sentence(wanted: str, there: list[str], names: str) -> None:
+    with pytest.raises(UserError, match=f"^run mine has no joints of sequence {wanted}; seq= is one of {names}$"):
+        chosen_sequences(wanted, there, "mine", "joints")
