@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Final, Literal
 
 import pyarrow as pa
 
@@ -21,6 +21,10 @@ from pipeline.shard_log import shard_log
 from stages._contract import Context, Stage, StageConfig
 
 Status = Literal["reused", "done", "failed", "blocked"]
+
+SET_NAME: Final = "all-sequences"
+"""Stands for the sequence in the shards of nodes that are about all of a run's."""
+_MAX_NAMED: Final = 2  # sequences in a sentence; their names are long
 
 
 @dataclass(frozen=True, order=True)
@@ -66,6 +70,7 @@ class Result:
         key, outputs: the entry's key and its tables' digests and counts; empty when failed or blocked.
         seconds: the time that making the entry took, whenever that was.
         error: a sentence for the user, when failed or blocked.
+        blocked_by: the sequences of which something failed that a blocked shard needs.
         is_repairable: the failure was a damaged store entry, now set aside; running again rebuilds it.
     """
 
@@ -77,11 +82,19 @@ class Result:
     seconds: float = 0.0
     error: str = ""
     is_repairable: bool = False
+    blocked_by: frozenset[str] = frozenset()
 
     @property
     def has_entry(self) -> bool:
         """Whether other shards can read this one's tables."""
         return self.status in ("reused", "done")
+
+    @property
+    def culprits(self) -> frozenset[str]:
+        """The sequences on whose account there is no entry; none where what is about all of them failed itself."""
+        if self.status == "failed" and self.shard.sequence_id != SET_NAME:
+            return frozenset({self.shard.sequence_id})
+        return self.blocked_by
 
 
 Upstream = Mapping[str, Sequence[Result]]
@@ -117,8 +130,8 @@ def find_entry(task: Task, upstream: Upstream, store: Store) -> Result | None:
 
 def run_task(task: Task, upstream: Upstream) -> Result:
     """Reuse or compute one shard; errors become results, so that they stop only what depends on them."""
-    if missing := sorted({name for name, results in upstream.items() if not all(r.has_entry for r in results)}):
-        return Result(task.node.name, task.shard, "blocked", error=f"needs {', '.join(missing)}")
+    if lacking := [result for results in upstream.values() for result in results if not result.has_entry]:
+        return _blocked(task, lacking)
     if task.problem:
         return Result(task.node.name, task.shard, "failed", error=task.problem)
     try:
@@ -132,6 +145,21 @@ def run_task(task: Task, upstream: Upstream) -> Result:
             with task.log.open("a") as log:
                 log.write(traceback.format_exc())
         return Result(task.node.name, task.shard, "failed", error=_sentence(error))
+
+
+def _blocked(task: Task, lacking: Sequence[Result]) -> Result:
+    """Return the result of a task that cannot run, as something that it reads is not there.
+
+    Where that is another sequence's, which may be one of hundreds, it is named with the remedy.
+    """
+    culprits = frozenset[str]().union(*(result.culprits for result in lacking))
+    error = f"needs {', '.join(sorted({result.node for result in lacking}))}"
+    if others := sorted(culprits - {task.shard.sequence_id}):
+        num_more = len(others[_MAX_NAMED:])
+        named = ", ".join(others[:_MAX_NAMED]) + (f" and {num_more} more" if num_more else "")
+        them, name = ("them", "NAME for each") if len(others) > 1 else ("it", others[0])
+        error += f", but {named} failed: put {them} right, or leave {them} out by adding ,-{name} to seq="
+    return Result(task.node.name, task.shard, "blocked", error=error, blocked_by=culprits)
 
 
 def foresee(task: Task, upstream: Upstream) -> Result | None:

@@ -11,7 +11,7 @@ from pipeline.config import RunConfig, UserError
 from pipeline.graph import MEMBER_EDGE, ORIGINS, Node
 from pipeline.recordings import Recording
 from pipeline.takes import OrderedTake
-from pipeline.tasks import Result, Shard, Task
+from pipeline.tasks import SET_NAME, Result, Shard, Task
 from stages._contract import StageConfig
 from stages._detector_config import DetectorConfig
 
@@ -147,7 +147,7 @@ class SequenceWork:
 class SequenceSet:
     """The set of all sequences of a run, in the place of a recording."""
 
-    sequence_id: str = "all-sequences"
+    sequence_id: str = SET_NAME
     keypoints: None = None
     detector: str = ""
 

@@ -148,8 +148,21 @@ def test_a_failed_sequence_blocks_what_is_about_all(toy: Any) -> None:
     toy.targets = ("excess",)
     toy.record("bad", 1, 2, 3, float("nan"))
     found = {f"{r.node} {r.shard}": r for r in toy.run()}
-    assert found["mean all-sequences"].status == "blocked" and found["mean all-sequences"].error == "needs total"
-    assert found["excess one.00000"].status == "blocked" and found["total one"].status == "done"
+    leave_out = "but bad failed: put it right, or leave it out by adding ,-bad to seq="
+    assert found["total bad"].error == "needs times", "its own failure needs no name"
+    assert found["mean all-sequences"].status == "blocked" and found["total one"].status == "done"
+    assert found["mean all-sequences"].error == f"needs total, {leave_out}"
+    assert found["excess one.00000"].error == f"needs mean, {leave_out}", "and not all sequences, though all lack it"
+    assert found["excess bad.00001"].error == "needs mean, times" and found["excess bad.00000"].error == "needs mean"
+
+
+def test_of_many_failed_sequences_two_are_named(toy: Any) -> None:
+    toy.targets = ("excess",)
+    for name in ("bad", "odd", "off"):
+        toy.record(name, 1, 2, 3, float("nan"))
+    found = {f"{r.node} {r.shard}": r.error for r in toy.run()}
+    rest = "put them right, or leave them out by adding ,-NAME for each to seq="
+    assert found["mean all-sequences"] == f"needs total, but bad, odd and 1 more failed: {rest}"
 
 
 def test_a_plan_shows_what_is_about_all_and_what_waits_for_it(toy: Any) -> None:
