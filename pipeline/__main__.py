@@ -51,7 +51,7 @@ commands
   describe   the DAG and all tables, in Markdown
 
 often used parameters
-  seq=NAME               a sequence of the manifest; names with commas, a glob, or all
+  seq=NAME               a sequence of the manifest; names with commas, a glob, or all; all,-NAME leaves one out
   rig.calibration=PATH   with rig.videos='GLOB' and seq=NAME: a rig of your own
   target=NAME            a node or target to stop at
   rounds=3               how often MVExoNet refines 2D + triangulation; 0: not at all

@@ -19,6 +19,8 @@ _OPTIONAL: Final = (
     "keypoints", "ground_truth", "labels", "actions", "ego_calibration", "ego_videos", "corrections",
     "rig", "duration_s", "rate_hz",
 )  # fmt: skip
+ALL: Final = "all"
+"""What ``seq`` calls all sequences."""
 _MAX_LISTED: Final = 10
 _MAX_BYTES: Final = 2**23
 _FORBIDDEN_IN_NAMES: Final = set("*?[],= ")
@@ -56,19 +58,35 @@ def listed(names: Sequence[str]) -> str:
     return (", ".join(names[:_MAX_LISTED]) or "none") + more
 
 
+def name_patterns(wanted: str) -> tuple[list[str], list[str]]:
+    """Return the names and globs that ``seq`` asks for, and those that it leaves out with a leading -.
+
+    Where it only leaves out, it asks for all; what it leaves out is so wherever it stands.
+    """
+    patterns = [pattern.strip() for pattern in wanted.split(",")]
+    left_out = [pattern[1:] for pattern in patterns if pattern.startswith("-")]
+    asked = ["*" if pattern == ALL else pattern for pattern in patterns if not pattern.startswith("-")]
+    return asked or ["*"], left_out
+
+
 def _selected(wanted: str, names: list[str]) -> list[str]:
-    if wanted == "all":
+    if wanted == ALL:
         return names
-    chosen: list[str] = []
-    for pattern in wanted.split(","):
-        matches = fnmatch.filter(names, pattern.strip())
-        if not matches:
-            raise UserError(
-                f"there is no sequence {pattern}; the manifest has {listed(names)}. "
-                "For files of your own: rig.calibration=PATH rig.videos='GLOB' seq=NAME"
-            )
-        chosen += [name for name in matches if name not in chosen]
-    return chosen
+    asked, left_out = name_patterns(wanted)
+    chosen = dict.fromkeys(name for pattern in asked for name in _matches(pattern, names))
+    gone = {name for pattern in left_out for name in _matches(pattern, names)}
+    if not (remaining := [name for name in chosen if name not in gone]):
+        raise UserError(f"seq={wanted} leaves out every sequence that it names; leave some of them in")
+    return remaining
+
+
+def _matches(pattern: str, names: list[str]) -> list[str]:
+    if not (found := fnmatch.filter(names, pattern)):
+        raise UserError(
+            f"there is no sequence {pattern}; the manifest has {listed(names)}. "
+            "For files of your own: rig.calibration=PATH rig.videos='GLOB' seq=NAME"
+        )
+    return found
 
 
 def _manifest_rows(manifest: str | None) -> dict[str, ManifestRow]:

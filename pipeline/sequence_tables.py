@@ -13,7 +13,7 @@ import pyarrow.compute as pc
 from assemblyhands_core.data.store import load_table
 from assemblyhands_core.data.tables import TableSpec
 from pipeline.config import UserError
-from pipeline.manifests import listed
+from pipeline.manifests import listed, name_patterns
 
 _SHARD: Final = re.compile(r"(?P<sequence>.+?)(\.\d{5})?\.parquet")
 
@@ -53,7 +53,7 @@ def chosen_sequences(wanted: str, there: Sequence[str], run: str, needed: str) -
     """Return the sequences of a run that ``seq`` names.
 
     Args:
-        wanted: Names and globs with commas between them, or all.
+        wanted: Names and globs with commas between them, or all; a leading - leaves out.
         there: The sequences that have what is needed.
         run: The run's name, for the message.
         needed: What is needed of a sequence, for the message.
@@ -61,8 +61,10 @@ def chosen_sequences(wanted: str, there: Sequence[str], run: str, needed: str) -
     Raises:
         UserError: It names none of them.
     """
-    patterns = ["*"] if wanted == "all" else [pattern.strip() for pattern in wanted.split(",")]
-    chosen = [name for name in there if any(fnmatch.fnmatchcase(name, pattern) for pattern in patterns)]
+    asked, left_out = (
+        {name for pattern in patterns for name in fnmatch.filter(there, pattern)} for patterns in name_patterns(wanted)
+    )
+    chosen = [name for name in there if name in asked - left_out]
     if not chosen:
         raise UserError(f"run {run} has no {needed} of sequence {wanted}; seq= is one of {listed(there)}")
     return chosen

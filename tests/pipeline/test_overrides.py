@@ -10,6 +10,10 @@ from pipeline.overrides import asks_hydra, literal, name_words, stray_word
     [
         "one,two",
         "all,",
+        "all,-one",
+        "all, -*12?,-two",
+        "-nusar-2021_one",
+        "-*1001*",
         "/my rig (1)/*.mp4",
         "/d/[ab].mp4",
         "/{sequence_id}/b.parquet",

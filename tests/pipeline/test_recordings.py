@@ -36,7 +36,16 @@ def folder(tmp_path: Path) -> Path:
 
 @pytest.mark.parametrize(
     ("seq", "names"),
-    [("s1", ["s1"]), ("s2,s1", ["s2", "s1"]), ("s*", ["s1", "s2"]), ("all", ["s1", "s2"]), ("s1,s*", ["s1", "s2"])],
+    [
+        ("s1", ["s1"]),
+        ("s2,s1", ["s2", "s1"]),
+        ("s*", ["s1", "s2"]),
+        ("all", ["s1", "s2"]),
+        ("s1,s*", ["s1", "s2"]),
+        ("all,-s1", ["s2"]),
+        ("-s2, s*", ["s1"]),
+        ("-*2", ["s1"]),
+    ],
 )
 def test_names_lists_globs_and_all(folder: Path, seq: str, names: list[str]) -> None:
     assert [recording.sequence_id for recording in select_recordings(_config(folder, seq))] == names
@@ -90,6 +99,8 @@ def test_a_rig_of_ones_own_needs_no_manifest(folder: Path) -> None:
     ("seq", "rig", "message"),
     [
         ("s9", {}, "there is no sequence s9; the manifest has s1, s2"),
+        ("all,-s9", {}, "there is no sequence s9; the manifest has s1, s2"),
+        ("s1,-s*", {}, r"seq=s1,-s\* leaves out every sequence that it names"),
         ("x", {"calibration": "calib.json"}, r"takes both rig\.calibration=PATH and rig\.videos='GLOB'"),
         ("x", {"calibration": "no.json", "videos": "*.mp4"}, r"sequence x: the calibration no\.json does not exist"),
         ("a/b", {"calibration": "c", "videos": "*.mp4"}, "'a/b' cannot name a sequence"),

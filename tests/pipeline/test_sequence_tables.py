@@ -37,6 +37,8 @@ def test_names_may_end_like_shards_and_sequences() -> None:
         ("monday", ["monday"]),
         ("tuesday, f*", ["friday", "tuesday"]),
         ("*s*,sunday", ["tuesday"]),
+        ("all,-monday", ["friday", "tuesday"]),
+        ("-*s*,-sunday", ["friday", "monday"]),
     ],
 )
 def test_sequences_are_chosen_by_names_and_globs(wanted: str, chosen: list[str]) -> None:
@@ -45,7 +47,7 @@ def test_sequences_are_chosen_by_names_and_globs(wanted: str, chosen: list[str])
 
 @pytest.mark.parametrize(
     ("wanted", "there", "names"),
-    [("Monday", ["monday", "b"], "monday, b"), ("monday", [], "none"), ("all", [], "none")],
+    [("Monday", ["monday", "b"], "monday, b"), ("monday", [], "none"), ("all", [], "none"), ("b,-b", ["b"], "b")],
 )
 def test_no_sequence_to_choose_is_a_sentence(wanted: str, there: list[str], names: str) -> None:
     with pytest.raises(UserError, match=f"^run mine has no joints of sequence {wanted}; seq= is one of {names}$"):
