@@ -70,15 +70,24 @@ class DaskExecutor:
         self._workers.check_alive()
         places = [place for place in self._workers.places() if place.num_workers]
         busy = Counter(place for _, place in self._running.values())
+        # Places come and go with the kinds of workers; a task that began at one that is gone still has its worker.
+        num_workers = sum(place.num_workers for place in places)
         for place in places:
-            for _ in range(place.num_workers - busy[place.name]):
+            for _ in range(min(place.num_workers - busy[place.name], num_workers - len(self._running))):
                 if promise := self._queue.next_ready(place.uses_gpu):
                     self._start(promise, place)
-        if places and not self._running and self._suspects:
-            suspect = self._suspects.popleft()
-            self._on_trial.add(suspect)
-            self._start(suspect, next(place for place in places if _uses_gpu(suspect) in place.uses_gpu))
+        if self._suspects and not self._running:
+            self._try_suspect(places)
         return bool(self._running or self._queue or self._suspects)
+
+    def _try_suspect(self, places: Sequence[Place]) -> None:
+        """Run the first suspect that one of these places takes."""
+        for suspect in self._suspects:
+            if place := next((place for place in places if _uses_gpu(suspect) in place.uses_gpu), None):
+                self._suspects.remove(suspect)
+                self._on_trial.add(suspect)
+                self._start(suspect, place)
+                return
 
     def _start(self, promise: Promise, place: Place) -> None:
         # A key of its own keeps a long-lived scheduler from answering with an earlier outcome.
@@ -103,6 +112,12 @@ class DaskExecutor:
         error = future.exception()
         if isinstance(error, UserError):
             raise error
+        if _is_of_loading(error):
+            raise UserError(
+                f"a worker or the scheduler cannot load this code ({type(error).__name__}: {error}); what was finished "
+                "is kept: install the same version of assemblyhands there, start it in that environment, and repeat "
+                "the command"
+            ) from error
         if isinstance(error, KilledWorker) and promise not in self._on_trial:
             self._suspects.append(promise)
             return None
@@ -116,3 +131,9 @@ class DaskExecutor:
 
 def _uses_gpu(promise: Promise) -> bool:
     return promise.task.node.stage.uses_gpu
+
+
+def _is_of_loading(error: Exception) -> bool:
+    """Whether a task could not be unpickled; errors of stages never come here, as `run_task` makes results of them."""
+    is_of_scheduler = isinstance(error, RuntimeError) and str(error).startswith("Error during deserialization")
+    return is_of_scheduler or isinstance(error, ImportError | AttributeError)

@@ -15,6 +15,7 @@ NO_DASHBOARD: Final[dict[str, Any]] = {"dashboard": False, "dashboard_address": 
 """Of a scheduler or worker; without the address it would answer questions about its health to everybody."""
 
 _LOOK_S: Final = 1.0
+_ANSWER_S: Final = 10.0  # of a scheduler; for one that is frozen Dask's client would wait for ever
 
 
 @dataclass
@@ -33,6 +34,7 @@ class RemoteWorkers:
     max_workers: int
     wait_s: float
     _infos: dict[str, Any] = field(default_factory=dict)
+    _answers: bool = True
     _looked_at: float = float("-inf")
     _seen_at: float = field(default_factory=time.monotonic)
 
@@ -52,7 +54,7 @@ class RemoteWorkers:
         """Look whether the scheduler and any worker are there.
 
         Raises:
-            UserError: if the scheduler is gone, or no worker was there for too long.
+            UserError: if the scheduler is gone, or it did not answer or had no worker for too long.
         """
         if self.client.status == "closed":
             raise UserError(
@@ -60,11 +62,17 @@ class RemoteWorkers:
                 "and repeat the command"
             )
         self._look()
-        if time.monotonic() - self._seen_at > self.wait_s:
+        if time.monotonic() - self._seen_at <= self.wait_s:
+            return
+        if not self._answers:
             raise UserError(
-                f"the scheduler at {self.address} has had no worker for {self.wait_s:.0f} s; what was finished is "
-                "kept: start workers and repeat the command (executor.wait_s says how long to wait)"
+                f"the scheduler at {self.address} has not answered for {self.wait_s:.0f} s; what was finished is kept: "
+                "start it and its workers again, and repeat the command (executor.wait_s says how long to wait)"
             )
+        raise UserError(
+            f"the scheduler at {self.address} has had no worker for {self.wait_s:.0f} s; what was finished is "
+            "kept: start workers and repeat the command (executor.wait_s says how long to wait)"
+        )
 
     def wait(self) -> None:
         """Wait for the first worker.
@@ -77,14 +85,26 @@ class RemoteWorkers:
             self.check_alive()
             time.sleep(_LOOK_S / 10)
 
+    def ask(self) -> dict[str, Any]:
+        """Ask the scheduler for all its workers and what each of them is; none while it does not answer."""
+        self._answers = False
+        with suppress(OSError, TimeoutError):
+            identity = self.client.sync(_identity, self.client, callback_timeout=_ANSWER_S)
+            self._answers = bool(identity)
+            return dict(identity.get("workers", {}))
+        return {}
+
     def _look(self) -> None:
-        """Ask the scheduler who is there, not too often; nobody is while it cannot be reached."""
+        """Ask the scheduler who is there, not too often."""
         if time.monotonic() - self._looked_at < _LOOK_S:
             return
-        workers: dict[str, Any] = {}
-        with suppress(OSError, TimeoutError):
-            workers = self.client.scheduler_info().get("workers", {})  # without them while the connection is down
+        workers = self.ask()
         self._looked_at = time.monotonic()
         self._infos = dict(sorted(workers.items())[: self.max_workers or None])
         if self._infos:
             self._seen_at = self._looked_at
+
+
+async def _identity(client: Any) -> dict[str, Any]:
+    """Return what the scheduler says of itself; nothing once the client has given it up."""
+    return await client.scheduler.identity(n_workers=-1) if client.scheduler else {}

@@ -1,13 +1,15 @@
 """``executor=cluster``: a scheduler and workers that others have started."""
 
+import signal
 import socket
 import ssl
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
-from command_line import pipeline
+from command_line import TIMEOUT_S, entries, finish, pipeline, start
 from dask_hosts import Cluster, cluster, kill
 
 
@@ -57,6 +59,24 @@ def test_workers_that_cannot_do_the_work_are_named(undisturbed: Any, started: Cl
 
 
 @pytest.mark.slow
+def test_a_scheduler_that_freezes_ends_the_run(undisturbed: Any, started: Cluster, tmp_path: Path) -> None:
+    """It keeps its connections and never answers, as a machine that swaps, or hangs in its network file system."""
+    address, workspace = _address(), tmp_path / "work"
+    scheduler = started.scheduler(address)
+    started.worker(address)
+    run = start(*undisturbed.command, *_executor(address), "executor.wait_s=5", workspace=workspace)
+    deadline = time.monotonic() + TIMEOUT_S
+    while not entries(workspace):
+        assert time.monotonic() < deadline and run.poll() is None, "it has done nothing"
+        time.sleep(0.02)
+    scheduler.send_signal(signal.SIGSTOP)
+    outcome = finish(run)
+    outcome.assert_refused(2, f"error: the scheduler at {address} has not answered for 5 s; what was finished is kept")
+    scheduler.send_signal(signal.SIGCONT)
+    undisturbed.assert_same(workspace, pipeline(*undisturbed.command, *_executor(address), workspace=workspace))
+
+
+@pytest.mark.slow
 def test_tls_lets_in_who_has_a_certificate(undisturbed: Any, started: Cluster, tmp_path: Path) -> None:
     from distributed.security import Security
 
@@ -70,8 +90,14 @@ def test_tls_lets_in_who_has_a_certificate(undisturbed: Any, started: Cluster, t
     address, workspace = _address("tls"), tmp_path / "work"
     started.scheduler(address, "--protocol", "tls", *options)
     started.worker(address, "--protocol", "tls", *options)
-    with pytest.raises(ssl.SSLError), socket.create_connection(tuple(address[6:].split(":"))) as plain:  # type: ignore[arg-type]
-        ssl.create_default_context().wrap_socket(plain, server_hostname="dask-internal")
+    stranger = ssl.create_default_context(cafile=files[0])  # it trusts the scheduler, and has nothing to be trusted by
+    stranger.check_hostname = False
+    with (
+        socket.create_connection(tuple(address[6:].split(":")), timeout=TIMEOUT_S) as plain,  # type: ignore[arg-type]
+        stranger.wrap_socket(plain) as encrypted,
+        pytest.raises(ssl.SSLError, match=r"(?i)certificate.required"),
+    ):
+        encrypted.recv(1)
     plain_tcp = _executor(address.replace("tls", "tcp"))
     refused = pipeline(*undisturbed.command, *plain_tcp, workspace=workspace)
     refused.assert_refused(2, "error: there is no scheduler to be reached at tcp://")

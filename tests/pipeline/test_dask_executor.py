@@ -1,5 +1,6 @@
 """Which worker gets which task, and what becomes of those that are lost."""
 
+import asyncio
 from collections.abc import Callable
 from concurrent.futures import CancelledError
 from pathlib import Path
@@ -8,10 +9,12 @@ from typing import Any
 
 import pytest
 
+from pipeline import remote_workers
 from pipeline.config import UserError
 from pipeline.dask_executor import DaskExecutor
 from pipeline.remote_workers import RemoteWorkers
 from pipeline.tasks import Result, Shard, Task
+from pipeline.workers import Place
 
 
 class _Client:
@@ -21,9 +24,16 @@ class _Client:
         self.status, self.address, self.log = "running", "tcp://head:1", list[str]()
         self.workers: dict[str, Any] = {name: {"resources": {"GPU": 1.0} if name in gpus else {}} for name in workers}
         self.outcome: Callable[[Task], Any] = lambda task: Result(task.node.name, task.shard, "done")
+        self.scheduler, self.is_frozen = SimpleNamespace(identity=self._identity), False
 
-    def scheduler_info(self) -> dict[str, Any]:
+    async def _identity(self, n_workers: int) -> dict[str, Any]:
+        assert n_workers == -1, "Dask would tell of five"
+        if self.is_frozen:
+            await asyncio.Event().wait()
         return {"workers": self.workers}
+
+    def sync(self, function: Any, *arguments: Any, callback_timeout: float) -> Any:
+        return asyncio.run(asyncio.wait_for(function(*arguments), callback_timeout))
 
     def submit(self, function: Any, task: Task, inputs: Any, key: str, pure: bool, **where: Any) -> Any:
         self.log.append(f"{task.node.name} {task.shard.chunk} at {','.join(where.get('workers', ('any',)))}")
@@ -93,6 +103,74 @@ def test_no_more_tasks_than_workers_that_may_be_used() -> None:
     assert len(client.log) == 2
 
 
+def test_no_more_tasks_than_workers_when_gpus_come_and_go(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(remote_workers, "_LOOK_S", 0.0)
+    client, ended = _Client("a", "b"), list[Any]()
+    submit = client.submit
+
+    def endless(*arguments: Any, **named: Any) -> Any:
+        future = submit(*arguments, **named)
+        future.add_done_callback = lambda call: ended.append(lambda: call(future))
+        return future
+
+    client.submit = endless  # type: ignore[method-assign]
+    executor = _executor(client)
+    for chunk in range(4):
+        executor.submit(_task("crop", chunk), {})
+        executor.submit(_task("round", chunk, uses_gpu=True), {})
+    assert executor._fill() and len(client.log) == 2
+    client.workers["g"] = {"resources": {"GPU": 1.0}}
+    assert executor._fill() and client.log[2:] == ["round 1 at g"], "the others are busy"
+    del client.workers["g"]
+    assert executor._fill() and len(client.log) == 3, "two workers, three tasks that were given out"
+    for end in ended[:2]:
+        end()
+    results = executor.completed()
+    assert [next(results).status for _ in range(2)] == ["done", "done"]
+    assert executor._fill() and len(client.log) == 4
+
+
+def test_a_suspect_waits_for_a_place_that_takes_it() -> None:
+    client = _Client("a")
+    executor = _executor(client)
+    executor._suspects.append(executor._queue.submit(_task("round", 0, uses_gpu=True), {}))
+    executor._queue.next_ready()
+    others = [Place("cpu", 1, (False,), ("a",))]
+    executor._workers = SimpleNamespace(client=client, check_alive=lambda: None, places=lambda: others)  # type: ignore[assignment]
+    assert executor._fill() and not client.log
+    others.append(Place("gpu", 1, (True,), ("g",)))
+    assert executor._fill() and client.log == ["round 0 at g"]
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        ModuleNotFoundError("No module named 'pipeline'"),
+        AttributeError("module 'pipeline.cluster_preflight' has no attribute 'run_alike'"),
+        RuntimeError("Error during deserialization of the task graph. This frequently"),  # in a scheduler
+    ],
+)
+def test_a_worker_that_cannot_load_the_code_ends_the_run(error: Exception) -> None:
+    client = _Client("a")
+    client.outcome = lambda task: error
+    executor = _executor(client)
+    _submit(executor)
+    with pytest.raises(UserError, match=rf"cannot load this code \({type(error).__name__}: .*install the same"):
+        list(executor.completed())
+
+
+def test_another_error_of_the_engine_fails_its_shard_alone() -> None:
+    client = _Client("a")
+    client.outcome = lambda task: RuntimeError("too large") if task.shard.chunk else Result("crop", task.shard, "done")
+    executor = _executor(client)
+    for chunk in range(2):
+        executor.submit(_task("crop", chunk), {})
+    assert [(result.status, result.error) for result in executor.completed()] == [
+        ("done", ""),
+        ("failed", "RuntimeError: too large"),
+    ]
+
+
 def test_a_lost_result_is_asked_for_again() -> None:
     client = _Client("a")
     outcomes = iter(["its worker is gone", "again", None])
@@ -138,3 +216,26 @@ def test_a_scheduler_that_is_gone_is_a_sentence() -> None:
 def test_no_worker_for_too_long_is_a_sentence() -> None:
     with pytest.raises(UserError, match="the scheduler at tcp://head:1 has had no worker for 0 s"):
         _executor(_Client(), wait_s=0.05)
+
+
+def test_a_frozen_scheduler_is_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(remote_workers, "_LOOK_S", 0.0)
+    monkeypatch.setattr(remote_workers, "_ANSWER_S", 0.05)
+    client = _Client("a")
+    executor = _executor(client, wait_s=0.2)
+    executor.submit(_task("crop", 0), {})
+    client.is_frozen = True
+    with pytest.raises(UserError, match="the scheduler at tcp://head:1 has not answered for 0 s; what was finished is"):
+        list(executor.completed())
+
+
+def test_a_scheduler_that_is_slow_for_a_moment_is_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(remote_workers, "_LOOK_S", 0.0)
+    monkeypatch.setattr(remote_workers, "_ANSWER_S", 0.05)
+    client = _Client("a")
+    executor = _executor(client)
+    executor.submit(_task("crop", 0), {})
+    client.is_frozen = True
+    assert executor._fill() and not client.log
+    client.is_frozen = False
+    assert [result.status for result in executor.completed()] == ["done"]
