@@ -14,6 +14,8 @@ BIN := $(VENV)/bin
 RUN := $(BIN)/python -m pipeline
 SEQUENCE := $(if $(SET),manifest=data_manifests/synthetic_$(SET).csv) $(if $(SEQ),'seq=$(SEQ)',$(if $(SET),seq=all))
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
+# Those that need nothing: no run, no package that is not a dependency, no half hour. docs/benchmarks.md has the others.
+BENCHMARKS := triangulation remap decode render crop_mode unprojection msg3d ego_only
 SOURCES := assemblyhands_core stages pipeline tests benchmarks notebooks
 
 .PHONY: all annotate evaluate simulate train ego predict train-ego verbs train-verbs export report compare view suspects correct plan doctor gc fsck test test-slow check format benchmark docs help clean
@@ -98,7 +100,7 @@ format: $(VENV)/.installed-dev  ## put the code into the house's format
 	$(BIN)/ruff format $(SOURCES)
 
 benchmark: $(VENV)/.installed-dev  ## speed, side by side with the alternatives
-	for file in benchmarks/[a-z]*.py; do $(BIN)/python $$file || exit 1; done
+	for name in $(BENCHMARKS); do $(BIN)/python benchmarks/$$name.py || exit 1; done
 
 docs: $(VENV)/.installed  ## print docs/tables.md anew from the pipeline
 	$(RUN) describe > docs/.tables.md && mv docs/.tables.md docs/tables.md

@@ -1,6 +1,9 @@
 """What the Makefile's targets run, as ``make --dry-run`` prints it."""
 
+import ast
+import re
 import subprocess
+from pathlib import Path
 
 import pytest
 from command_line import REPOSITORY
@@ -23,3 +26,31 @@ def _last_line(*arguments: str) -> str:
 )
 def test_a_plan_is_of_the_same_command_as_the_run(arguments: list[str], command: str) -> None:
     assert _last_line("plan", *arguments) == f".venv/bin/python -m pipeline {command}"
+
+
+def test_benchmarks_that_are_run_need_nothing_and_the_others_are_named() -> None:
+    listed = re.search(r"for name in ([a-z0-9_ ]+);", _last_line("benchmark"))
+    assert listed
+    run = set(listed[1].split())
+    files = {path.stem: path for path in (REPOSITORY / "benchmarks").glob("[a-z]*.py")}
+    assert run <= set(files)
+    assert {name: needed for name in run if (needed := _needed_arguments(files[name]))} == {}
+    by_hand, doc = set(files) - run, (REPOSITORY / "docs" / "benchmarks.md").read_text()
+    assert {name for name in files if f"| `python benchmarks/{name}.py" in doc} == by_hand
+    assert all(f"`{name}`" in doc for name in run)
+
+
+def test_what_a_benchmark_needs_is_seen() -> None:
+    assert _needed_arguments(REPOSITORY / "benchmarks" / "soak.py") == ["--calibration", "--videos"]
+
+
+def _needed_arguments(path: Path) -> list[str]:
+    """Return the arguments without which a program ends at once."""
+    found = []
+    for call in ast.walk(ast.parse(path.read_text())):
+        if isinstance(call, ast.Call) and isinstance(call.func, ast.Attribute) and call.func.attr == "add_argument":
+            name = ast.literal_eval(call.args[0])
+            said = {keyword.arg: ast.unparse(keyword.value) for keyword in call.keywords}
+            if said.get("required") == "True" or (name[0] != "-" and said.get("nargs") not in ("'?'", "'*'")):
+                found.append(name)
+    return found
