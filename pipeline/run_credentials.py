@@ -24,7 +24,7 @@ def run_credentials(workspace: Path) -> Iterator[Path]:
     try:
         made = Security.temporary()
     except ImportError as error:
-        raise UserError("certificates for this run need a package: pip install '.[cluster]'") from error
+        raise UserError("certificates for this run need a package: .venv/bin/pip install -e '.[cluster]'") from error
     folder = workspace / "tls" / uuid.uuid4().hex
     folder.mkdir(parents=True, mode=0o700)
     try:

@@ -27,7 +27,7 @@ def slurm_cluster(config: SlurmConfig, workspace: Path) -> Iterator[Any]:
     try:
         from dask_jobqueue import SLURMCluster
     except ImportError as error:
-        raise UserError("executor=slurm needs a package: pip install '.[cluster]'") from error
+        raise UserError("executor=slurm needs a package: .venv/bin/pip install -e '.[cluster]'") from error
     if shutil.which("sbatch") is None:
         raise UserError("executor=slurm needs Slurm's `sbatch` on this machine: run it on the cluster's login node")
     logs = workspace / "logs" / "slurm"

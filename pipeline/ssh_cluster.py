@@ -29,7 +29,7 @@ def ssh_cluster(config: SshConfig, workspace: Path) -> Iterator[Any]:
     try:
         import asyncssh
     except ImportError as error:
-        raise UserError("executor=ssh needs a package: pip install '.[cluster]'") from error
+        raise UserError("executor=ssh needs a package: .venv/bin/pip install -e '.[cluster]'") from error
     logging.getLogger("distributed.deploy.ssh").setLevel(logging.WARNING)
     # What ssh starts takes over this process's settings of Dask, and finds the certificate by them.
     with run_credentials(workspace) as folder, dask.config.set(tls_settings(folder)):

@@ -29,9 +29,7 @@ _JOINT_RADIUS_MM: Final = 2.5
 _BONE_RADIUS_MM: Final = 1.2
 _KEYPOINT_RADIUS_PX: Final = -2.0  # negative: of the screen, whatever the zoom
 _WRIST_COLOR: Final[Color] = (150, 150, 150)  # seen on black and on white
-_INSTALL: Final = (
-    "install it: pip install 'assemblyhands[view]', or in this repository .venv/bin/pip install -e '.[view]'"
-)
+_INSTALL: Final = "install it, in the repository: .venv/bin/pip install -e '.[view]'"
 
 EntityPath = Sequence[str]
 Frames = Integer[np.ndarray, " frame"]
