@@ -1,8 +1,10 @@
 """Workers on machines that are reached by ssh."""
 
 import logging
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Final
 
@@ -26,10 +28,8 @@ def ssh_cluster(config: SshConfig, workspace: Path) -> Iterator[Any]:
     from distributed import SSHCluster
     from distributed.security import Security
 
-    try:
-        import asyncssh
-    except ImportError as error:
-        raise UserError("executor=ssh needs a package: .venv/bin/pip install -e '.[cluster]'") from error
+    if find_spec("asyncssh") is None:
+        raise UserError("executor=ssh needs a package: .venv/bin/pip install -e '.[cluster]'")
     logging.getLogger("distributed.deploy.ssh").setLevel(logging.WARNING)
     # What ssh starts takes over this process's settings of Dask, and finds the certificate by them.
     with run_credentials(workspace) as folder, dask.config.set(tls_settings(folder)):
@@ -47,8 +47,12 @@ def ssh_cluster(config: SshConfig, workspace: Path) -> Iterator[Any]:
                 remote_python=config.remote_python,
                 security=Security(require_encryption=True),
             )
-        except (OSError, asyncssh.Error, RuntimeError) as error:
-            raise UserError(f"the workers on {', '.join(config.hosts)} do not start: {error}") from error
+        except Exception as error:  # Dask raises a bare one for a worker that does not start
+            reason, python = str(error).strip() or type(error).__name__, config.remote_python or sys.executable
+            raise UserError(
+                f"the workers on {', '.join(config.hosts)} do not start ({reason}); see whether ssh reaches each host "
+                f"without a question, {python} runs there (executor.remote_python) and {workspace} is the same folder"
+            ) from error
         with cluster:
             yield cluster
 
