@@ -3,13 +3,12 @@
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from functools import partial
 from pathlib import Path
 from typing import Protocol
 
-from pipeline.cluster_preflight import check_cluster, run_alike, versions
+from pipeline.cluster_preflight import checked_cluster
 from pipeline.dask_executor import DaskExecutor
-from pipeline.executor_config import ExecutorConfig, LocalConfig
+from pipeline.executor_config import ExecutorConfig, LocalConfig, SshConfig
 from pipeline.local_cluster import local_workers
 from pipeline.remote_clusters import remote_workers
 from pipeline.task_queue import TaskQueue
@@ -48,10 +47,15 @@ class SerialExecutor:
 def resolve_workers(config: ExecutorConfig) -> tuple[int, int]:
     """Return how many workers run and how many threads each may use, here so that together they fill the cores."""
     if not isinstance(config, LocalConfig):
-        return max(config.num_workers, 1), config.num_threads
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    workers = 1 if config.name == "serial" else config.num_workers or cores
-    return workers, max(1, cores // workers)
+        num_hosts = len(config.hosts) if isinstance(config, SshConfig) else 1
+        return max(config.num_workers, 1) * num_hosts, config.num_threads
+    workers = 1 if config.name == "serial" else config.num_workers or num_cores()
+    return workers, max(1, num_cores() // workers)
+
+
+def num_cores() -> int:
+    """Return how many cores of this machine this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 @contextmanager
@@ -68,6 +72,8 @@ def open_executor(config: ExecutorConfig, workspace: Path, token: str) -> Iterat
         with local_workers(*resolve_workers(config), config.memory_limit) as workers:
             yield DaskExecutor(workers, token)
         return
-    with remote_workers(config, workspace) as others:
-        check_cluster(others, workspace, config.needs_gpu)
-        yield DaskExecutor(others, token, partial(run_alike, versions()))
+    with (
+        remote_workers(config, workspace) as others,
+        checked_cluster(others, workspace, config.needs_gpu) as run_alike,
+    ):
+        yield DaskExecutor(others, token, run_alike)

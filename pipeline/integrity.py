@@ -3,7 +3,6 @@
 It removes nothing that is whole, and changes no table: what is damaged is moved to ``store/.damaged``.
 """
 
-import math
 import os
 import time
 from collections.abc import Iterator, Sequence
@@ -17,7 +16,7 @@ from assemblyhands_core.data.store import Store
 from pipeline.byte_progress import ByteProgress
 from pipeline.config import RunConfig
 from pipeline.damage import Check, Damage, checks, find_damage, find_suspects
-from pipeline.executors import resolve_workers
+from pipeline.executors import num_cores
 from pipeline.garbage import num_bytes_below, subfolders
 from pipeline.run_folders import RunFolders, read_run_folders
 from pipeline.takes import studio_folder
@@ -45,7 +44,7 @@ def fsck(config: RunConfig, console: Console) -> int:
 
 
 def _find(config: RunConfig, found: Sequence[Check], console: Console) -> Iterator[Damage]:
-    num_threads = config.fsck.num_threads or math.prod(resolve_workers(config.executor))
+    num_threads = config.fsck.num_threads or num_cores()
     with ByteProgress(console, "checked", sum(check.num_bytes for check in found)) as progress:
         yield from find_damage(found, num_threads, progress.advance)
 

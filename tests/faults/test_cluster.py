@@ -39,7 +39,7 @@ def test_a_cluster_gives_what_one_process_gives(undisturbed: Any, started: Clust
     refused.assert_refused(2, f"error: the scheduler at {address} has had no worker for 1 s", "start workers")
     started.worker(address, "--nworkers", "2")
     undisturbed.assert_same(workspace, pipeline(*command, workspace=workspace))
-    assert not list(workspace.glob(".probe*"))
+    assert not list(workspace.glob("scratch/probe-*"))
     refused = pipeline(*command, "executor.needs_gpu=true", "triangulate.max_reprojection_px=9", workspace=workspace)
     refused.assert_refused(2, "error: no worker offers a GPU; start one with --resources GPU=1")
 

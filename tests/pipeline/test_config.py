@@ -99,6 +99,7 @@ def test_executors_that_are_told_enough_are_valid() -> None:
     assert resolve_workers(cluster) == (1, 1) and cluster.num_workers_at_most == 0
     ssh = check_config(_compose("executor=ssh", "executor.hosts=[a,b]", "executor.num_workers=3")).executor
     assert isinstance(ssh, SshConfig) and ssh.hosts == ("a", "b") and ssh.num_workers_at_most == 0
+    assert resolve_workers(ssh) == (6, 1), "three on each of two hosts"
     slurm = check_config(_compose("executor=slurm", "executor.gpus=2", "executor.queue=fast")).executor
     assert isinstance(slurm, SlurmConfig)
     job = job_options(slurm)

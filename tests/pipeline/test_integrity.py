@@ -8,6 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -180,6 +181,16 @@ def test_who_interrupts_hears_what_was_found(toy: Any, monkeypatch: pytest.Monke
     with pytest.raises(KeyboardInterrupt):
         _fsck(toy)
     assert not file.exists() and len(list(toy.store.root.glob(".damaged/*"))) == 1
+
+
+def test_files_are_read_with_the_cores_of_this_machine(toy: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Not with those of workers elsewhere: fsck may run on the login node of a cluster."""
+    seen: list[int] = []
+    monkeypatch.setattr("pipeline.integrity.find_damage", lambda found, threads, advance: seen.append(threads) or [])
+    monkeypatch.setattr("pipeline.integrity.num_cores", lambda: 3, raising=False)
+    config = toy.config().model_copy(update={"executor": SimpleNamespace(name="slurm", num_workers=20, num_threads=4)})
+    fsck(config, Console(quiet=True))
+    assert seen == [3]
 
 
 def test_what_is_suspect_is_set_aside_before_its_source(
