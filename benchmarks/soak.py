@@ -4,8 +4,9 @@
 
 A scheduler and workers on the loopback interface live through the whole time; one run after the other annotates the
 recording from nothing in a workspace of its own (`executor=cluster`). Every few minutes a worker that is chosen by
-chance is killed. The tables of every run are compared with those of a run in one process that nothing disturbed.
-Memory is that of workers' processes at the ends of runs; its slope is fitted over each process's life.
+chance is killed; the first worker never is, so that its memory is seen over the whole time. The tables of every run are
+compared with those of a run in one process that nothing disturbed. Memory is that of workers' processes at the ends of
+runs; its slope is fitted over each process's life.
 """
 
 import argparse
@@ -83,13 +84,17 @@ class Killer(threading.Thread):
         while not self.is_over.wait(chance.uniform(0.5, 1.5) * self.every_s):
             if found := _workers(chance.choice(self.nannies)):
                 with suppress(ProcessLookupError):
-                    signal.pidfd_send_signal(_pidfd(chance.choice(found)), signal.SIGKILL)
+                    _kill(chance.choice(found))
                     self.num_killed += 1
 
 
-def _pidfd(pid: int) -> int:
-
-    return os.pidfd_open(pid)
+def _kill(pid: int) -> None:
+    """Kill a process by a descriptor, so that it is never another one that has taken over the number."""
+    descriptor = os.pidfd_open(pid)
+    try:
+        signal.pidfd_send_signal(descriptor, signal.SIGKILL)
+    finally:
+        os.close(descriptor)
 
 
 def _print_slopes(samples: dict[int, list[tuple[float, float]]]) -> None:
@@ -110,10 +115,12 @@ def main() -> None:
     parser.add_argument("--calibration", required=True)
     parser.add_argument("--videos", required=True)
     parser.add_argument("--minutes", type=float, default=60)
-    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--workers", type=int, default=2, help="at least 2: the first is never killed")
     parser.add_argument("--kill-every", type=float, default=150)
     parser.add_argument("parameters", nargs="*", help="further parameters of the runs")
     options = parser.parse_args()
+    if options.workers < 2:
+        parser.error("--workers has to be at least 2: the first is never killed")
     folder = Path(tempfile.mkdtemp(prefix="soak-"))
     recording = [
         "seq=soak",
@@ -126,13 +133,14 @@ def main() -> None:
     problem = _pipeline(recording, folder / "undisturbed", "executor=serial")
     assert not problem, problem
     wanted = _digests(folder / "undisturbed")
-    processes = [_start("scheduler", "--host", "127.0.0.1", "--port", str(_PORT), "--no-dashboard")]
+    unseen = ["--no-dashboard", "--dashboard-address", "127.0.0.1:0"]
+    processes = [_start("scheduler", "--host", "127.0.0.1", "--port", str(_PORT), *unseen)]
     time.sleep(5)
     processes += [
-        _start("worker", address, "--host", "127.0.0.1", "--nthreads", "1", "--no-dashboard")
-        for _ in range(options.workers)
+        _start("worker", address, "--host", "127.0.0.1", "--nthreads", "1", *unseen) for _ in range(options.workers)
     ]
-    killer = Killer([process.pid for process in processes[1:]], options.kill_every)
+    _, _, *mortal = (process.pid for process in processes)  # the first worker lives on, to see whether it grows
+    killer = Killer(mortal, options.kill_every)
     killer.start()
     begin, num_runs, num_bad = time.monotonic(), 0, 0
     samples: dict[int, list[tuple[float, float]]] = defaultdict(list)
