@@ -38,6 +38,29 @@ def _wait_for(workspace: Path, num_entries: int) -> None:
         time.sleep(0.02)
 
 
+def _wait_until_removed(started: Cluster, ip: str) -> None:
+    """Wait until the scheduler, which was started first, has noticed that the workers of a host are gone."""
+    log, deadline = started.folder / "0.log", time.monotonic() + TIMEOUT_S
+    while f"Remove worker addr: tcp://{ip}:" not in log.read_text():
+        assert time.monotonic() < deadline, f"nobody has noticed that {ip} is cut off"
+        time.sleep(0.1)
+
+
+@pytest.mark.slow
+def test_a_host_may_be_cut_off(undisturbed: Any, three: Hosts, started: Cluster, tmp_path: Path) -> None:
+    """The other one does its work, too, and the tables are those of one process."""
+    address, workspace = f"tcp://{three.ips['head']}:8786", tmp_path / "work"
+    command = [*undisturbed.command, "executor=cluster", f"executor.scheduler={address}", "executor.wait_s=60"]
+    started.scheduler(address, on=three.on("head"))
+    for name in ("alpha", "beta"):
+        started.worker(address, on=three.on(name), ip=three.ips[name])
+    run = start(*command, workspace=workspace, on=three.on("head"))
+    _wait_for(workspace, 3)
+    three.cut_off("alpha")
+    undisturbed.assert_same(workspace, finish(run))
+    _wait_until_removed(started, three.ips["alpha"])
+
+
 @pytest.mark.slow
 def test_hosts_may_be_cut_off_and_workers_and_schedulers_die(
     undisturbed: Any, three: Hosts, started: Cluster, tmp_path: Path
@@ -55,6 +78,7 @@ def test_hosts_may_be_cut_off_and_workers_and_schedulers_die(
     run = start(*command, workspace=workspace, on=head)
     _wait_for(workspace, 1)
     three.cut_off("alpha")
+    _wait_until_removed(started, three.ips["alpha"])
     _wait_for(workspace, 4)
     kill(workers[1])
     _wait_for(workspace, 8)
