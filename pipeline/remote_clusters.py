@@ -30,7 +30,8 @@ def remote_workers(config: RemoteConfig, workspace: Path) -> Iterator[RemoteWork
     """
     with _client(config, workspace) as client:
         logging.getLogger("distributed").setLevel(logging.CRITICAL)  # a lost worker is our own sentence
-        workers = RemoteWorkers(client, client.scheduler.address, config.num_workers_at_most, config.wait_s)
+        problem = client.cluster.submissions.problem if isinstance(config, SlurmConfig) else str
+        workers = RemoteWorkers(client, client.scheduler.address, config.num_workers_at_most, config.wait_s, problem)
         workers.wait()
         yield workers
 

@@ -1,6 +1,7 @@
 """Workers of a scheduler on any machine: who is there, who has a GPU, and whether anyone still comes."""
 
 import time
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any, Final
@@ -27,12 +28,14 @@ class RemoteWorkers:
         address: of the scheduler.
         max_workers: how many are used at most; 0: all.
         wait_s: how long no worker at all may be there.
+        problem: says why none will come, nothing while one may.
     """
 
     client: Any
     address: str
     max_workers: int
     wait_s: float
+    problem: Callable[[], str] = str
     _infos: dict[str, Any] = field(default_factory=dict)
     _answers: bool = True
     _looked_at: float = float("-inf")
@@ -54,13 +57,15 @@ class RemoteWorkers:
         """Look whether the scheduler and any worker are there.
 
         Raises:
-            UserError: if the scheduler is gone, or it did not answer or had no worker for too long.
+            UserError: if the scheduler is gone, did not answer or had no worker for too long, or none will come.
         """
         if self.client.status == "closed":
             raise UserError(
                 f"the scheduler at {self.address} is gone; what was finished is kept: start it and its workers again, "
                 "and repeat the command"
             )
+        if problem := self.problem():
+            raise UserError(problem)
         self._look()
         if time.monotonic() - self._seen_at <= self.wait_s:
             return
