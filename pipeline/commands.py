@@ -1,17 +1,16 @@
 """What the command line's verbs do."""
 
-import fcntl
 import itertools
-import os
 import time
 import uuid
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from rich.console import Console
 
 from assemblyhands_core.data.digests import FileDigests
+from assemblyhands_core.data.locks import locked
 from assemblyhands_core.data.members import judged_sequences
 from assemblyhands_core.data.store import Store
 from pipeline import summary
@@ -139,7 +138,7 @@ def _run_until_whole(config: RunConfig, run: str, console: Console) -> list[Resu
             _execute(config, works, console)
         if not any(result.is_repairable for result in results(works)):
             break
-        say(console, "the store had damaged entries; they were set aside and are made anew")
+        say(console, "entries of the store were damaged, and set aside, or have vanished; they are made anew")
     return results(works)
 
 
@@ -198,12 +197,10 @@ def _logs(config: RunConfig, run: str) -> Path:
 def _lock(workspace: Path, *, exclusive: bool) -> Iterator[None]:
     """Hold the workspace: any number of runs and ``fsck`` at once, or one ``gc``. The lock falls with the process."""
     workspace.mkdir(parents=True, exist_ok=True)
-    descriptor = os.open(workspace / ".lock", os.O_RDWR | os.O_CREAT)
-    try:
-        fcntl.flock(descriptor, (fcntl.LOCK_EX if exclusive else fcntl.LOCK_SH) | fcntl.LOCK_NB)
+    with ExitStack() as held:
+        try:
+            held.enter_context(locked(workspace / ".lock", exclusive=exclusive))
+        except BlockingIOError:  # of the lock alone: a machine without room for more processes says the same
+            other = f"a run is at work in {workspace} (or fsck)" if exclusive else f"gc is at work in {workspace}"
+            raise UserError(f"{other}; try again when it has ended") from None
         yield
-    except BlockingIOError:
-        other = f"a run is at work in {workspace} (or fsck)" if exclusive else f"gc is at work in {workspace}"
-        raise UserError(f"{other}; try again when it has ended") from None
-    finally:
-        os.close(descriptor)

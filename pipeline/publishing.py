@@ -1,7 +1,6 @@
 """Put what the studio delivered where data sets have it: ``work/synthetic``, and the files that a split shares."""
 
 import errno
-import fcntl
 import os
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
@@ -10,6 +9,7 @@ from pathlib import Path
 from typing import Final
 
 from assemblyhands_core.data.layout import DatasetLayout
+from assemblyhands_core.data.locks import locked
 from assemblyhands_core.data.split_files import write_shared_files
 from assemblyhands_core.data.store import Store
 from assemblyhands_core.data.studio_tables import DELIVERED
@@ -53,8 +53,7 @@ def _deliveries(config: RunConfig, results: Sequence[Result]) -> Iterator[tuple[
 def _alone(root: Path) -> Iterator[None]:
     """Wait until no other run publishes here; the lock falls with the process."""
     root.mkdir(parents=True, exist_ok=True)
-    with (root / ".lock").open("w") as file:
-        fcntl.flock(file, fcntl.LOCK_EX)
+    with locked(root / ".lock", waits=True):
         yield
 
 

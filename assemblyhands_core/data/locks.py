@@ -22,7 +22,9 @@ def locked(path: Path, *, exclusive: bool = True, waits: bool = False) -> Iterat
     descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)  # NFS locks only what is open for writing
     try:
         fcntl.flock(descriptor, (fcntl.LOCK_EX if exclusive else fcntl.LOCK_SH) | (0 if waits else fcntl.LOCK_NB))
-        yield
+        try:
+            yield
+        finally:
+            fcntl.flock(descriptor, fcntl.LOCK_UN)  # closing is not enough: forked children have the file open, too
     finally:
-        fcntl.flock(descriptor, fcntl.LOCK_UN)  # closing is not enough: forked children have the file open, too
         os.close(descriptor)

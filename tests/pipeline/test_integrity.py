@@ -216,6 +216,17 @@ def test_fsck_runs_beside_runs_and_not_beside_gc(toy: Any) -> None:
         execute("fsck", toy.config(), "")
 
 
+def test_what_else_the_machine_refuses_is_not_said_to_be_gc(toy: Any) -> None:
+    """As at the limit of processes, whose error has the number of a lock that is held."""
+    with (
+        pytest.raises(BlockingIOError, match="temporarily unavailable"),
+        _lock(toy.workspace, exclusive=False),
+    ):
+        raise OSError(errno.EAGAIN, os.strerror(errno.EAGAIN))
+    with _lock(toy.workspace, exclusive=True):
+        pass  # it was given back
+
+
 def test_checking_all_the_time_never_makes_a_run_wrong(toy: Any) -> None:
     toy.run()
     has_ended = threading.Event()
