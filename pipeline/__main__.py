@@ -12,6 +12,7 @@ from hydra.errors import HydraException, MissingConfigException
 from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 
+from assemblyhands_core.data.store import DamagedEntry
 from pipeline.commands import execute
 from pipeline.config import CONF_FOLDER, UserError, check_config, chooses_file, unknown_key_message
 from pipeline.dag import build_dag
@@ -112,7 +113,7 @@ def _reported(action: Callable[[], int]) -> int:
     """Return an action's exit code; a user's mistake becomes a sentence and the code 2."""
     try:
         return action()
-    except (UserError, HydraException, OmegaConfBaseException) as error:
+    except (UserError, DamagedEntry, HydraException, OmegaConfBaseException) as error:
         print(f"error: {str(error).strip()}", file=sys.stderr)
     except OSError as error:
         place = f" ({error.filename})" if error.filename else ""

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from assemblyhands_core.data.store import Store
+from assemblyhands_core.data.store import DamagedEntry, Store
 from pipeline.executors import Executor
 from pipeline.progress import Progress
 from pipeline.tasks import Result
@@ -24,10 +24,19 @@ class Runner:
         by_name = {work.recording.sequence_id: work for work in self.works}
         self._submit_from(self._sequences)
         for result in self.executor.completed():
-            work = by_name[result.shard.sequence_id]
-            self.progress.note(work, result)
-            if work.settle(result, self.store):
-                self._submit_from([work])
+            self._settle(by_name[result.shard.sequence_id], result)
+
+    def _settle(self, work: SequenceWork, result: Result) -> None:
+        """Note a result, and submit what is known by it; one whose tables cannot be read here is no result."""
+        try:
+            is_cut = work.settle(result, self.store)
+        except (DamagedEntry, OSError) as error:
+            is_damaged = isinstance(error, DamagedEntry)
+            result = Result(result.node, result.shard, "failed", error=str(error), is_repairable=is_damaged)
+            is_cut = work.settle(result, self.store)
+        self.progress.note(work, result)
+        if is_cut:
+            self._submit_from([work])
 
     def _submit_from(self, works: Sequence[SequenceWork]) -> None:
         """Submit what can be of some sequences, then of the set, which may let more of all of them follow."""

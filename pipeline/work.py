@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from assemblyhands_core.data.catalog import CHUNKS
-from assemblyhands_core.data.store import DamagedEntry, Store
+from assemblyhands_core.data.store import Store
 from pipeline.config import RunConfig, UserError
 from pipeline.graph import MEMBER_EDGE, ORIGINS, Node
 from pipeline.recordings import Recording
@@ -77,14 +77,12 @@ class SequenceWork:
         """Note a result; return whether it told how the sequence is cut.
 
         Raises:
-            DamagedEntry: if it should have told, but its table is damaged; the result is not noted then.
+            DamagedEntry: if it should have told, but its table is damaged or gone; the result is not noted then.
         """
         node = self.config.dag.nodes[result.node]
         frames: list[int] = []
         if node.cut and result.has_entry:
-            record = store.find(node.stage.name, result.key)
-            if record is None:
-                raise DamagedEntry(f"the entry {result.key} of {node.name} has vanished; run again")
+            record = store.await_entry(node.stage.name, result.key)
             frames = store.read(record, node.cut, CHUNKS).column("num_frames").to_pylist()
         if node.cut:
             self.cuts[f"{node.name}.{node.cut}"] = frames

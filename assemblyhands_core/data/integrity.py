@@ -4,7 +4,6 @@ A record belongs to its folder if its parts have the folder's key as digest. The
 say in their rows what the sha256 of each blob is.
 """
 
-import errno
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -16,9 +15,8 @@ import pyarrow.parquet as pq
 
 from assemblyhands_core.data.digests import digest_file, digest_json
 from assemblyhands_core.data.store import RECORD, Output, Record, count_reasons
-from assemblyhands_core.data.tables import BLOB_SUFFIX, digest_parquet
+from assemblyhands_core.data.tables import BLOB_SUFFIX, digest_parquet, is_damage
 
-_DAMAGE_ERRORS = (None, errno.EIO, errno.ENOENT, errno.ENOTDIR, errno.EISDIR, errno.ELOOP)  # None: Parquet's own
 Digest = Callable[[Path], str]
 
 
@@ -92,9 +90,7 @@ def _look(file: Path, find_wrong: Callable[[], str]) -> Iterator[Flaw]:
         if wrong := find_wrong():
             yield Flaw(file, wrong)
     except OSError as error:
-        yield Flaw(
-            file, f"it cannot be read ({error.strerror or _line(error)})", is_damage=error.errno in _DAMAGE_ERRORS
-        )
+        yield Flaw(file, f"it cannot be read ({error.strerror or _line(error)})", is_damage=is_damage(error))
     except MemoryError:
         yield Flaw(file, "there is not enough memory to read it", is_damage=False)
     except Exception as error:  # whatever a decoder makes of bytes that nobody wrote

@@ -9,6 +9,7 @@ import errno
 import json
 import os
 import shutil
+import time
 import uuid
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -28,6 +29,7 @@ from assemblyhands_core.data.tables import (
     as_written,
     check_room,
     digest_parquet,
+    is_damage,
     read_parquet,
     write_parquet,
 )
@@ -38,6 +40,8 @@ if TYPE_CHECKING:
 RECORD = "record.json"
 WHY_DAMAGED = "damaged.txt"
 _PARQUET_MAGIC = b"PAR1"
+_LATE_S = 60.0  # NFS may show another host's folder so late (its option acdirmax)
+_LOOK_AGAIN_S = 0.5
 _NO_FOLDER_SYNC = (errno.EINVAL, errno.ENOTSUP, errno.EBADF)  # SMB and some FUSE file systems cannot sync folders
 
 
@@ -130,6 +134,9 @@ class Store:
 
         Looks at sizes, times and Parquet's end marks only, so that thousands of entries are checked in a second; a
         table that is newer than its record was touched since, and is read.
+
+        Raises:
+            OSError, MemoryError: if it cannot be looked at now; it stays where it is.
         """
         folder = self.entry(stage, key)
         if not folder.is_dir():  # asked before its files are: another run may publish it any moment
@@ -139,16 +146,33 @@ class Store:
             is_own = (record.stage, record.key) == (stage, key) and not record.strays
             if is_own and _looks_whole(folder, record):
                 return record
-        except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError):
-            pass  # no record, or one that is cut
+        except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
+            if not is_damage(error):
+                raise
+            # no record, or one that is cut
         self.set_aside(folder, "sizes, times or ends of its files are not those of its record")
         return None
+
+    def await_entry(self, stage: str, key: str) -> Record:
+        """Return the record of an entry that somebody has made, whom this host may see late on a network file system.
+
+        Raises:
+            DamagedEntry: if it was set aside, or is not to be seen for a minute.
+            OSError, MemoryError: if it cannot be looked at now.
+        """
+        folder, deadline = self.entry(stage, key), time.monotonic() + _LATE_S
+        while not folder.is_dir() and not self._was_set_aside(folder) and time.monotonic() < deadline:
+            time.sleep(_LOOK_AGAIN_S)
+        if (record := self.find(stage, key)) is None:
+            raise DamagedEntry(f"the entry {folder} has vanished; run again")
+        return record
 
     def read(self, record: Record, output: str, spec: TableSpec) -> pa.Table:
         """Return a table of an entry, blob columns as absolute paths.
 
         Raises:
-            DamagedEntry: if the file is unreadable or its contents are not those of the record.
+            DamagedEntry: if the file is damaged or its contents are not those of the record.
+            OSError, MemoryError: if it cannot be read now; the entry stays where it is.
         """
         folder = self.entry(record.stage, record.key)
         try:
@@ -185,18 +209,21 @@ class Store:
 
     def set_aside(self, folder: Path, reason: str) -> None:
         """Move a damaged entry to ``store/.damaged``, with the reason beside its files; the next run makes it anew."""
-        target = self.root / ".damaged" / f"{folder.parent.name}-{folder.name[:16]}-{uuid.uuid4().hex[:8]}"
+        target = self.root / ".damaged" / f"{_name_aside(folder)}-{uuid.uuid4().hex[:8]}"
         target.parent.mkdir(parents=True, exist_ok=True)
         with suppress(FileNotFoundError):  # another run was first
             folder.rename(target)
             with suppress(OSError):  # the disk may be full
                 (target / WHY_DAMAGED).write_text(f"{reason}\n", encoding="utf-8")
 
+    def _was_set_aside(self, folder: Path) -> bool:
+        return any((self.root / ".damaged").glob(f"{_name_aside(folder)}-*"))
+
     def _publish(self, draft: Path, entry: Path) -> None:
         try:
             draft.rename(entry)
         except OSError:
-            # Another run made the same entry first: same key, same contents. A damaged one makes way.
+            # Another run made the same entry first: same key, and either's contents will do. A damaged one makes way.
             if self.find(entry.parent.name, entry.name) is None:
                 draft.rename(entry)
         _sync_folder(entry.parent)
@@ -279,16 +306,18 @@ def count_reasons(table: pa.Table) -> dict[str, int]:
     return {item["values"]: item["counts"] for item in sorted(counts, key=lambda item: str(item["values"]))}
 
 
+def _name_aside(folder: Path) -> str:
+    """Return how the names begin that an entry gets when it is set aside."""
+    return f"{folder.parent.name}-{folder.name[:16]}"
+
+
 def _looks_whole(folder: Path, record: Record) -> bool:
-    try:
-        tables = {folder / f"{name}.parquet": output for name, output in record.outputs.items()}
-        return (
-            all(_is_parquet(path, output.num_bytes) for path, output in tables.items())
-            and all((folder / name).stat().st_size == size for name, size in record.blobs.items())
-            and _untouched_since(folder / RECORD, tables)
-        )
-    except OSError:
-        return False
+    tables = {folder / f"{name}.parquet": output for name, output in record.outputs.items()}
+    return (
+        all(_is_parquet(path, output.num_bytes) for path, output in tables.items())
+        and all((folder / name).stat().st_size == size for name, size in record.blobs.items())
+        and _untouched_since(folder / RECORD, tables)
+    )
 
 
 def _untouched_since(record: Path, tables: Mapping[Path, Output]) -> bool:
@@ -306,7 +335,9 @@ def _untouched_since(record: Path, tables: Mapping[Path, Output]) -> bool:
 def _has_digest(path: Path, digest: str) -> bool:
     try:
         return digest_parquet(path) == digest
-    except pa.ArrowException:
+    except pa.ArrowException as error:
+        if not is_damage(error):
+            raise
         return False
 
 
@@ -322,8 +353,10 @@ def _read_verified(path: Path) -> pa.Table:
 def _is_parquet(path: Path, num_bytes: int) -> bool:
     with path.open("rb") as file:
         head = file.read(4)
+        if file.seek(0, os.SEEK_END) != num_bytes or num_bytes < len(_PARQUET_MAGIC):
+            return False
         file.seek(-4, os.SEEK_END)
-        return head == _PARQUET_MAGIC == file.read(4) and file.tell() == num_bytes
+        return head == _PARQUET_MAGIC == file.read(4)
 
 
 def _sync(folder: Path) -> None:

@@ -1,5 +1,6 @@
 """Tables that stages exchange: name, version, key and columns, checked whenever one is written or read."""
 
+import errno
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,6 +22,8 @@ MAX_DENSE_BYTES = 2**30
 _MAX_PACKING, _VALUE_BYTES = 100, 8
 _BLOCK_BYTES = 32 << 20  # of a table that is digested at once
 _COMPRESSION: Literal["zstd"] = "zstd"
+
+_DAMAGE_ERRORS = (None, errno.EIO, errno.ENOENT, errno.ENOTDIR, errno.EISDIR, errno.ELOOP)  # None: Parquet's own
 
 
 class TableError(ValueError):
@@ -85,6 +88,11 @@ class TableSpec:
         return digest_table(table, self.blobs)
 
 
+def is_damage(error: Exception) -> bool:
+    """Whether an error of reading tells of the file, else of this moment: no permission, no memory, a server away."""
+    return error.errno in _DAMAGE_ERRORS if isinstance(error, OSError) else not isinstance(error, MemoryError)
+
+
 def write_parquet(path: Path, table: pa.Table, spec: TableSpec, provenance: Mapping[str, str]) -> None:
     """Write a checked table: zstd, floats byte-stream-split, definition and provenance in the file's metadata."""
     spec.check(table)
@@ -107,7 +115,8 @@ def read_parquet(path: Path, spec: TableSpec) -> pa.Table:
     """Read and check a table.
 
     Raises:
-        TableError: if the file cannot be read, or holds another table or version than asked for.
+        TableError: if the file is damaged or absent, or holds another table or version than asked for.
+        OSError, MemoryError: if it cannot be read now.
     """
     try:
         with pq.ParquetFile(path, memory_map=False, page_checksum_verification=True) as file:
@@ -122,6 +131,8 @@ def read_parquet(path: Path, spec: TableSpec) -> pa.Table:
         table.validate(full=True)  # texts may be no text
         return spec.check(table)
     except (OSError, pa.ArrowException, UnicodeDecodeError) as error:
+        if not is_damage(error):
+            raise
         raise TableError(f"{path} cannot be read as Parquet ({error})") from error
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.parquet
 import pytest
 
 from assemblyhands_core.data.digests import digest_json
@@ -80,13 +81,100 @@ def test_of_two_runs_that_write_the_same_entry_both_succeed(tmp_path: Path) -> N
     assert store.find("film", KEY) == first and list(store.leftovers()) == []
 
 
+@pytest.mark.parametrize("number", [errno.EMFILE, errno.EACCES, errno.ETIMEDOUT, errno.ESTALE])
+@pytest.mark.parametrize("file", ["films.parquet", "record.json"])
+def test_what_cannot_be_read_now_stays(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, file: str, number: int) -> None:
+    store = Store(tmp_path)
+    record, real = _write(store), Path.open
+
+    def failing(path: Path, *arguments: str, **options: str) -> object:
+        if path.name == file:
+            raise OSError(number, os.strerror(number), str(path))
+        return real(path, *arguments, **options)  # type: ignore[call-overload]
+
+    monkeypatch.setattr(Path, "open", failing)
+    with pytest.raises(OSError, match=file) as refused:
+        store.find("film", KEY)
+    assert refused.value.errno == number
+    monkeypatch.undo()
+    assert store.find("film", KEY) == record and list(store.leftovers()) == []
+
+
+@pytest.mark.parametrize(
+    "error", [OSError(errno.EMFILE, "Too many open files"), pa.ArrowMemoryError("malloc of size 64 failed")]
+)
+def test_a_table_that_cannot_be_read_now_stays(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: Exception
+) -> None:
+    store = Store(tmp_path)
+    record = _write(store)
+
+    def read(file: object) -> None:
+        raise error
+
+    monkeypatch.setattr(pa.parquet.ParquetFile, "read", read)
+    with pytest.raises(type(error)):
+        store.read(record, "films", SPEC)
+    path = store.entry("film", KEY) / "films.parquet"
+    os.utime(path, (path.stat().st_mtime + 100,) * 2)  # touched since: then `find` reads it, too
+    with pytest.raises(type(error)):
+        store.find("film", KEY)
+    assert path.exists() and list(store.leftovers()) == []
+    monkeypatch.setattr(pa.parquet.ParquetFile, "read", lambda file: (_ for _ in ()).throw(OSError("wrong checksum")))
+    with pytest.raises(DamagedEntry, match="wrong checksum"):
+        store.read(record, "films", SPEC)
+    assert not path.exists()
+
+
+def _seen_late(monkeypatch: pytest.MonkeyPatch, store: Store, num_looks: int) -> list[float]:
+    """Let the entry be seen only after so many looks, as on NFS; return the pauses between them."""
+    real, pauses, entry = Path.is_dir, list[float](), store.entry("film", KEY)
+    clock = [0.0]
+
+    def sleep(seconds: float) -> None:
+        pauses.append(seconds)
+        clock[0] += seconds
+
+    monkeypatch.setattr(Path, "is_dir", lambda path: (path != entry or len(pauses) >= num_looks) and real(path))
+    monkeypatch.setattr("assemblyhands_core.data.store.time.sleep", sleep)
+    monkeypatch.setattr("assemblyhands_core.data.store.time.monotonic", lambda: clock[0])
+    return pauses
+
+
+def test_what_another_host_has_made_is_waited_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    store = Store(tmp_path)
+    record = _write(store)
+    pauses = _seen_late(monkeypatch, store, 20)
+    assert store.find("film", KEY) is None
+    assert store.await_entry("film", KEY) == record and len(pauses) == 20
+
+
+def test_what_is_not_to_be_seen_for_a_minute_has_vanished(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    store = Store(tmp_path)
+    _write(store)
+    pauses = _seen_late(monkeypatch, store, 1000)
+    with pytest.raises(DamagedEntry, match=f"{KEY} has vanished; run again"):
+        store.await_entry("film", KEY)
+    assert 60 <= sum(pauses) < 70
+
+
+def test_what_was_set_aside_is_not_waited_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    store = Store(tmp_path)
+    _write(store)
+    store.set_aside(store.entry("film", KEY), "faded")
+    pauses = _seen_late(monkeypatch, store, 0)
+    with pytest.raises(DamagedEntry, match="has vanished; run again"):
+        store.await_entry("film", KEY)
+    assert pauses == []
+
+
 @pytest.mark.parametrize("file", ["films.parquet", "a.mp4", "record.json"])
-@pytest.mark.parametrize("harm", ["cut", "remove"])
+@pytest.mark.parametrize("harm", ["cut", "empty", "remove"])
 def test_a_damaged_entry_counts_as_absent_and_is_set_aside(tmp_path: Path, file: str, harm: str) -> None:
     store = Store(tmp_path)
     _write(store)
     path = store.entry("film", KEY) / file
-    path.write_bytes(path.read_bytes()[:-1]) if harm == "cut" else path.unlink()
+    path.unlink() if harm == "remove" else path.write_bytes(path.read_bytes()[:-1] if harm == "cut" else b"")
     assert store.find("film", KEY) is None
     assert not store.entry("film", KEY).exists() and len(list(store.leftovers())) == 1
     assert _write(store).key == KEY

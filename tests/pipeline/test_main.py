@@ -6,6 +6,7 @@ from typing import Any
 import pytest
 from hydra._internal.config_loader_impl import ConfigLoaderImpl
 
+from assemblyhands_core.data.store import DamagedEntry
 from pipeline import __main__ as command_line
 from pipeline.config import RunConfig, UserError
 
@@ -114,3 +115,11 @@ def test_import_is_another_name_of_correct(
 ) -> None:
     assert _main(monkeypatch, "import", "corrected=a.json") == 0
     assert [command for command, _ in executed] == ["correct"] and str(executed[0][1].corrected) == "a.json"
+
+
+def test_a_damaged_entry_is_said_in_a_sentence(capsys: pytest.CaptureFixture[str]) -> None:
+    def damaged() -> int:
+        raise DamagedEntry("chunks.parquet: cut; the entry was set aside, run again")
+
+    assert command_line._reported(damaged) == 2
+    assert capsys.readouterr().err == "error: chunks.parquet: cut; the entry was set aside, run again\n"

@@ -1,8 +1,10 @@
+import errno
 import shutil
 from typing import Any
 
 import pytest
 
+from assemblyhands_core.data.store import Record, Store
 from pipeline.config import UserError
 from pipeline.graph import SOURCE_EDGE, TRUTH_EDGE
 from pipeline.work import possible_nodes
@@ -26,6 +28,42 @@ def test_a_damaged_cutting_table_is_made_anew(toy: Any) -> None:
     record.touch()  # so that only reading finds it
     statuses = toy.status(toy.run())
     assert statuses["cut one"] == "done" and statuses["total one"] == "reused"
+
+
+def test_a_cutting_table_that_is_not_to_be_seen_fails_its_sequence_alone(
+    toy: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As on NFS, where what another host made may be seen late."""
+    toy.record("two", 7, 8)
+    real, unseen = Store.find, [True]
+
+    def find(store: Store, stage: str, key: str) -> Record | None:
+        record = real(store, stage, key)
+        is_of_one = record is not None and stage == "cut" and record.outputs["numbers"].num_rows == 5
+        return None if is_of_one and unseen else record
+
+    monkeypatch.setattr(Store, "find", find)
+    found = {f"{r.node} {r.shard}": r for r in toy.run()}
+    failed = found["cut one"]
+    assert failed.status == "failed" and failed.is_repairable and "has vanished; run again" in failed.error
+    assert found["times one"].status == "blocked" and found["total two"].status == "done"
+    unseen.clear()
+    assert toy.status(toy.run())["cut one"] == "reused" and toy.total("one") == 30
+
+
+def test_a_cutting_table_that_cannot_be_read_now_fails_its_sequence_alone(
+    toy: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def read(*arguments: Any) -> None:
+        raise OSError(errno.EMFILE, "Too many open files", "chunks.parquet")
+
+    toy.record("two", 7, 8)
+    with monkeypatch.context() as patched:
+        patched.setattr(Store, "read", read)
+        found = {f"{r.node} {r.shard}": r for r in toy.run()}
+    assert found["cut one"].error == "[Errno 24] Too many open files: 'chunks.parquet'"
+    assert found["cut one"].status == "failed" and not found["cut one"].is_repairable
+    assert toy.status(toy.run())["cut one"] == "reused"
 
 
 def test_another_truth_runs_nothing_but_what_reads_it(toy: Any) -> None:
