@@ -3,7 +3,6 @@
 Everything that crosses a process boundary here is small: names, digests, counts. Tables stay in the store.
 """
 
-import shutil
 import time
 import traceback
 from collections.abc import Mapping, Sequence
@@ -16,6 +15,7 @@ import pyarrow as pa
 
 from assemblyhands_core.data.digests import digest_json
 from assemblyhands_core.data.store import DamagedEntry, Output, Record, Store
+from assemblyhands_core.training.scratch import remove_idle
 from pipeline.graph import ORIGINS, Node
 from pipeline.shard_log import shard_log
 from stages._contract import Context, Stage, StageConfig
@@ -115,7 +115,7 @@ def key_parts(task: Task, upstream: Upstream) -> dict[str, Any]:
 
 
 def scratch_folder(workspace: Path, stage: str, key: str) -> Path:
-    """Return the folder from which the interrupted computation of an entry goes on."""
+    """Return the folder of all computations of an entry; an interrupted one goes on from there."""
     return workspace / "scratch" / f"{stage}-{key[:16]}"
 
 
@@ -134,17 +134,29 @@ def run_task(task: Task, upstream: Upstream) -> Result:
         return _blocked(task, lacking)
     if task.problem:
         return Result(task.node.name, task.shard, "failed", error=task.problem)
+    store = Store(task.workspace)
     try:
-        store = Store(task.workspace)
         return find_entry(task, upstream, store) or _compute(task, upstream, store)
     except DamagedEntry as error:
         return Result(task.node.name, task.shard, "failed", error=str(error), is_repairable=True)
     except Exception as error:  # the boundary of a shard: whatever a stage raises must not stop other shards
-        with suppress(OSError):  # the disk may be full: then the sentence has to do
-            task.log.parent.mkdir(parents=True, exist_ok=True)
-            with task.log.open("a") as log:
-                log.write(traceback.format_exc())
-        return Result(task.node.name, task.shard, "failed", error=_sentence(error))
+        return _made_by_another(task, upstream, store) or _failed(task, error)
+
+
+def _made_by_another(task: Task, upstream: Upstream, store: Store) -> Result | None:
+    """Return the result of a shard that failed here if somebody else has made its entry meanwhile."""
+    with suppress(Exception):  # what failed before may fail once more: that is told
+        return find_entry(task, upstream, store)
+    return None
+
+
+def _failed(task: Task, error: Exception) -> Result:
+    """Return the result of a task that failed, and note where in its log."""
+    with suppress(OSError):  # the disk may be full: then the sentence has to do
+        task.log.parent.mkdir(parents=True, exist_ok=True)
+        with task.log.open("a") as log:
+            log.write("".join(traceback.format_exception(error)))
+    return Result(task.node.name, task.shard, "failed", error=_sentence(error))
 
 
 def _blocked(task: Task, lacking: Sequence[Result]) -> Result:
@@ -189,8 +201,9 @@ def _compute(task: Task, upstream: Upstream, store: Store) -> Result:
             raise ValueError(f"stage {stage.name} returned {sorted(tables)} instead of {sorted(stage.outputs)}")
         checked = {name: (spec, tables[name]) for name, spec in stage.outputs.items()}
         record = draft.write(checked, time.perf_counter() - started)
-    shutil.rmtree(scratch, ignore_errors=True)
-    return _result(task, "done", record)
+    remove_idle(scratch)
+    # Another run may have been first, on a GPU perhaps: what counts is what is there.
+    return _result(task, "done", store.find(stage.name, draft.key) or record)
 
 
 def _result(task: Task, status: Status, record: Record) -> Result:
@@ -228,18 +241,11 @@ def _read_input(task: Task, role: str, edge: str, upstream: Upstream, store: Sto
         return ORIGINS[edge].from_rows(task.origins[edge])
     node, output = edge.split(".")
     spec = task.node.stage.inputs[role]
-    records = [_record(store, task.node.upstream_stages[node], result) for result in upstream[node]]
+    records = [store.await_entry(task.node.upstream_stages[node], result.key) for result in upstream[node]]
     table = pa.concat_tables([spec.empty(), *(store.read(record, output, spec) for record in records)])
     if _is_sliced(task, edge):
         table = table.filter(pa.compute.equal(table.column("chunk"), task.shard.chunk))
     return table
-
-
-def _record(store: Store, stage: str, result: Result) -> Record:
-    record = store.find(stage, result.key)
-    if record is None:
-        raise DamagedEntry(f"the entry {store.entry(stage, result.key)} has vanished; run again")
-    return record
 
 
 def _is_sliced(task: Task, edge: str) -> bool:

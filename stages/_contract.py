@@ -40,8 +40,8 @@ class Context:
         blob_dir: folder for files that belong to the result; rows refer to them by name.
         sequence_id: the shard's sequence, or what the set of all is called.
         num_threads: threads that the stage may use.
-        scratch_dir: folder of this very computation that outlives a kill, for what lets a long one go on; the engine
-            removes it when the result is there.
+        scratch_dir: folder of this very computation that outlives a kill, for what lets a long one go on. Others may
+            be at the same computation (`training.scratch`); the engine removes what is idle when the result is there.
     """
 
     blob_dir: Path

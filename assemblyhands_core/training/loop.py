@@ -2,28 +2,31 @@
 
 An epoch is a fixed number of steps over samples drawn anew. Everything random follows from seed and epoch, and state is
 saved at the end of each epoch, so that a run that was killed goes on to the weights of one that was not (on a CPU).
+State is one file, the best weights in it: two files could be of different epochs after a kill.
 """
 
 import importlib.util
+import math
 import multiprocessing
+import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, Literal, Protocol, runtime_checkable
+from typing import Any, Final, Literal, Protocol, cast, runtime_checkable
 
 import numpy as np
 import torch
 
 from assemblyhands_core.models import torchvision_operators  # noqa: F401  (before lightning, which imports torchvision)
+from assemblyhands_core.training.scratch import CHECKPOINT, own_folder
 
 import lightning.pytorch as pl  # isort: skip
-from lightning.pytorch.callbacks import ModelCheckpoint  # isort: skip
+from lightning.pytorch.callbacks import Checkpoint  # isort: skip
 from lightning.pytorch.loggers import Logger, TensorBoardLogger  # isort: skip
 from torch import Tensor, nn
 from torch.utils.data import DataLoader, Dataset
 
 _WARM_UP_STEPS: Final = 60
-_LAST: Final = "last"
 
 Batch = Mapping[str, Tensor]
 
@@ -113,12 +116,12 @@ class Task:
 
 
 def train(task: Task, schedule: Schedule, folder: Path, num_threads: int) -> Outcome:
-    """Train a network, going on from what an earlier call with the same arguments left in the folder.
+    """Train a network, going on from what other calls with the same arguments have left in the folder.
 
     Args:
         task: What is learnt.
         schedule: How long and how fast.
-        folder: Where state and logs are kept.
+        folder: Where state and logs of all such calls are kept; several may be at work at once.
         num_threads: Of the CPU.
 
     Raises:
@@ -130,12 +133,17 @@ def train(task: Task, schedule: Schedule, folder: Path, num_threads: int) -> Out
         counts = f"{len(task.training)} samples to learn from and {len(task.held_out)} held out"
         raise ValueError(f"training has {counts}: there have to be some of both")
     torch.set_num_threads(num_threads)
-    folder.mkdir(parents=True, exist_ok=True)
-    module = _Module(task, schedule)
+    with own_folder(folder) as own:
+        state = _fitted(task, schedule, own)
+    # From the file, because this process has seen nothing of the training where several devices share it.
+    best = state["best"]
+    task.network.load_state_dict(best.pop("weights"))
+    return Outcome(tuple(Point(**point) for point in state["curve"]), Point(**best))
+
+
+def _fitted(task: Task, schedule: Schedule, folder: Path) -> dict[str, Any]:
+    """Train to the end, from the folder's checkpoint if it has one, and return the last one."""
     is_gpu = torch.cuda.is_available()
-    best_one = ModelCheckpoint(folder, "best", monitor="error", mode="min", enable_version_counter=False)
-    # A second one, because lightning's `save_last` leaves out epochs that are not the best.
-    last_one = ModelCheckpoint(folder, _LAST, enable_version_counter=False)
     trainer = pl.Trainer(
         max_epochs=schedule.num_epochs,
         accelerator="gpu" if is_gpu else "cpu",  # not "auto": Apple's lacks the double precision of the projection
@@ -148,16 +156,12 @@ def train(task: Task, schedule: Schedule, folder: Path, num_threads: int) -> Out
         enable_progress_bar=False,
         enable_model_summary=False,
         log_every_n_steps=min(20, schedule.steps_per_epoch),
-        callbacks=[best_one, last_one],
+        callbacks=[_Saving(folder / CHECKPOINT)],
         logger=_logger(folder),
     )
-    last = folder / f"{_LAST}.ckpt"
-    trainer.fit(module, ckpt_path=last if last.is_file() else None, weights_only=True)
-    best = torch.load(best_one.best_model_path, map_location="cpu", weights_only=True)["state_dict"]
-    task.network.load_state_dict({name.removeprefix("network."): value for name, value in best.items()})
-    # From the file, because this process has seen nothing of the training where several devices share it.
-    curve = [Point(**point) for point in torch.load(last, map_location="cpu", weights_only=True)["curve"]]
-    return Outcome(tuple(curve), min(curve, key=lambda point: point.error))
+    last = folder / CHECKPOINT
+    trainer.fit(_Module(task, schedule), ckpt_path=last if last.is_file() else None, weights_only=True)
+    return cast(dict[str, Any], torch.load(last, map_location="cpu", weights_only=True))
 
 
 def _logger(folder: Path) -> Logger | Literal[False]:
@@ -167,6 +171,21 @@ def _logger(folder: Path) -> Logger | Literal[False]:
     return TensorBoardLogger(folder, name="", version="tensorboard")
 
 
+class _Saving(Checkpoint):
+    """Replaces a checkpoint as a whole at the end of each epoch: a kill, or who copies it meanwhile, finds either."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def on_train_epoch_end(self, trainer: pl.Trainer, pl_module: pl.LightningModule) -> None:
+        partial = self.path.with_name(f".{self.path.name}")
+        trainer.save_checkpoint(partial)  # all devices have to ask for it, the first one writes
+        if trainer.is_global_zero:
+            with partial.open("rb") as file:
+                os.fsync(file.fileno())
+            partial.replace(self.path)
+
+
 class _Module(pl.LightningModule):
     """The task as lightning wants it."""
 
@@ -174,6 +193,7 @@ class _Module(pl.LightningModule):
         super().__init__()
         self.network, self.task, self.schedule = task.network, task, schedule
         self.curve: list[Point] = []
+        self.best: dict[str, Any] = {}  # the point with the least error, and its weights
         self._losses: list[float] = []
         self._errors: list[tuple[float, float]] = []
 
@@ -190,8 +210,12 @@ class _Module(pl.LightningModule):
     def on_validation_epoch_end(self) -> None:
         total, count = self._over_devices(np.array(self._errors).sum(axis=0))
         loss, num_losses = self._over_devices(np.array([np.sum(self._losses), len(self._losses)]))
-        self.curve.append(Point(self.global_step, loss / num_losses if num_losses else float("nan"), total / count))
-        self.log("error", total / count)
+        point = Point(self.global_step, loss / num_losses if num_losses else float("nan"), total / count)
+        self.curve.append(point)
+        self.log("error", point.error)
+        if not self.best or point.error < self.best["error"] or math.isnan(self.best["error"]):
+            weights = {name: value.detach().cpu().clone() for name, value in self.network.state_dict().items()}
+            self.best = {**vars(point), "weights": weights}
         self._losses, self._errors = [], []
 
     def _over_devices(self, values: np.ndarray) -> tuple[float, float]:
@@ -201,10 +225,10 @@ class _Module(pl.LightningModule):
         return first, second
 
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
-        checkpoint["curve"] = [vars(point) for point in self.curve]
+        checkpoint["curve"], checkpoint["best"] = [vars(point) for point in self.curve], self.best
 
     def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
-        self.curve = [Point(**point) for point in checkpoint["curve"]]
+        self.curve, self.best = [Point(**point) for point in checkpoint["curve"]], checkpoint["best"]
 
     def configure_optimizers(self) -> Any:
         schedule = self.schedule

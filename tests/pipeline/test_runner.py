@@ -1,8 +1,13 @@
 import shutil
+from dataclasses import replace
 from typing import Any
 
 import pyarrow as pa
 import pytest
+
+from assemblyhands_core.training.scratch import own_folder
+from pipeline.tasks import Task, run_task
+from stages._contract import Context, StageConfig, Tables
 
 
 def test_a_first_run_computes_every_shard_and_a_second_none(toy: Any) -> None:
@@ -108,6 +113,47 @@ def test_no_unfinished_folder_stays_after_a_failure(toy: Any) -> None:
     assert list(toy.store.root.glob("*/.*")) == []
     log = (toy.workspace / "logs" / "times-bad.00000.log").read_text()
     assert "ValueError: frame 1 is no number" in log
+
+
+def _cutting(toy: Any, run: Any = None) -> Task:
+    """Return the task that cuts the recording, by another function if one is given."""
+    work = toy.works()[0]
+    (task,) = work.tasks(work.config.dag.nodes["cut"])
+    stage = replace(task.node.stage, run=run or task.node.stage.run)
+    return replace(task, node=replace(task.node, stage=stage))
+
+
+def test_of_two_that_make_the_same_entry_both_tell_what_is_in_the_store(toy: Any) -> None:
+    """The slower one found other numbers, as a CPU may beside a GPU, and keeps its own folder until its end."""
+    results = []
+
+    def cut(config: StageConfig, inputs: Tables, context: Context) -> Tables:
+        with own_folder(context.scratch_dir) as own:
+            results.append(run_task(_cutting(toy), {}))
+            assert own.is_dir(), "removed under its hands"
+        tables = _cutting(toy).node.stage.run(config, inputs, context)
+        nearly = pa.compute.add(tables["numbers"]["value"], 1e-7)
+        return {**tables, "numbers": tables["numbers"].set_column(2, "value", nearly)}
+
+    results.append(run_task(_cutting(toy, cut), {}))
+    first, second = results
+    assert first.status == second.status == "done" and second.outputs == first.outputs
+    assert toy.store.find("cut", first.key).outputs == first.outputs
+    assert not list(toy.workspace.glob("scratch/*"))
+
+
+@pytest.mark.parametrize("is_made", [True, False])
+def test_who_fails_while_another_makes_the_entry_has_not_failed(toy: Any, is_made: bool) -> None:
+    def cut(config: StageConfig, inputs: Tables, context: Context) -> Tables:
+        if is_made:
+            assert run_task(_cutting(toy), {}).status == "done"
+        raise FileNotFoundError("last.ckpt")
+
+    task = _cutting(toy, cut)
+    result = run_task(task, {})
+    assert (result.status, result.error) == (("reused", "") if is_made else ("failed", "last.ckpt"))
+    assert result.has_entry == is_made
+    assert ("FileNotFoundError: last.ckpt" in task.log.read_text()) != is_made
 
 
 def _excess(toy: Any, name: str) -> float:

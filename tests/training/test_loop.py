@@ -13,7 +13,8 @@ from assemblyhands_core.data.hand_crops import stored_hands
 from assemblyhands_core.models.hand_keypoints import HandKeypointConfig, HandKeypointNet
 from assemblyhands_core.models.heatmaps import soft_argmax
 from assemblyhands_core.training.hand_dataset import Augmentation, HandCrops
-from assemblyhands_core.training.loop import Batch, Schedule, Task, train
+from assemblyhands_core.training.loop import Batch, Outcome, Schedule, Task, train
+from assemblyhands_core.training.scratch import remove_idle
 from assemblyhands_core.training.tasks import keypoint_task, used_views
 
 Tables = Callable[[int], tuple[pa.Table, pa.Table]]
@@ -67,7 +68,7 @@ def test_the_loss_falls_and_the_best_weights_are_kept(hand_tables: Tables, tmp_p
     assert losses[-1] < 0.9 * losses[0]
     assert outcome.best.error == min(point.error for point in outcome.curve)
     assert judged(task) == pytest.approx(outcome.best.error, rel=1e-4)
-    assert list((tmp_path / "tensorboard").glob("events.*"))
+    assert list(tmp_path.glob("*/tensorboard/events.*"))
 
 
 class Numbered:
@@ -135,6 +136,47 @@ def test_an_interrupted_training_goes_on_to_the_same_weights(
     assert [vars(p) for p in resumed.curve] == [vars(p) for p in whole.curve]
     expected, found = whole_task.network.state_dict(), other.network.state_dict()
     assert all(torch.equal(found[name], expected[name]) for name in expected)
+
+
+def beside(task: Task, other: Callable[[], object], at: int) -> Task:
+    """Return the task, with something else that happens while a loss of that number is found."""
+    calls: list[int] = []
+
+    def loss(batch: Batch) -> torch.Tensor:
+        calls.append(0)
+        if len(calls) == at:
+            other()
+        return task.loss(batch)
+
+    return replace(task, loss=loss)
+
+
+@pytest.mark.parametrize("is_first_to_end", [False, True])
+def test_two_trainings_of_the_same_thing_do_not_mix(hand_tables: Tables, tmp_path: Path, is_first_to_end: bool) -> None:
+    """As when a host that was cut off goes on: the second one comes after two epochs, and ends before the first one."""
+    schedule = replace(SCHEDULE, num_epochs=3, learning_rate=0.05)
+    other, calls = counted(task_of(hand_tables, seed=9))
+    spoilt = replace(
+        other, loss=lambda batch: other.loss(batch) * float("nan") if len(calls) > 4 else other.loss(batch)
+    )
+    outcomes: list[Outcome] = []
+
+    def train_other() -> None:
+        outcomes.append(train(spoilt, schedule, tmp_path / "scratch", num_threads=1))
+        if is_first_to_end:
+            remove_idle(tmp_path / "scratch")
+
+    first = task_of(hand_tables)
+    outcomes.append(train(beside(first, train_other, at=19), schedule, tmp_path / "scratch", num_threads=1))
+    second, whole = outcomes
+    alone = train(task_of(hand_tables), schedule, tmp_path / "alone", num_threads=1)
+    assert [vars(point) for point in whole.curve] == [vars(point) for point in alone.curve]
+    assert judged(first) == pytest.approx(whole.best.error, rel=1e-4)
+    assert len(calls) == 8, "the second one goes on from a copy of what the first one had saved"
+    assert second.curve[:2] == whole.curve[:2] and second.curve[2] != whole.curve[2]
+    assert judged(other) == pytest.approx(second.best.error, rel=1e-4)
+    remove_idle(tmp_path / "scratch")
+    assert not (tmp_path / "scratch").exists()
 
 
 def test_two_devices_share_every_batch_and_take_as_many_steps(hand_tables: Tables, tmp_path: Path) -> None:
