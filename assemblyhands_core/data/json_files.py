@@ -1,6 +1,7 @@
 """JSON files from elsewhere: read with suspicion, every refusal one sentence with file, place, reason and remedy."""
 
 import json
+import stat
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -65,17 +66,24 @@ def read_json_object(path: Path, max_bytes: int = MAX_JSON_BYTES) -> dict[str, A
 
 
 def read_bytes(path: Path, max_bytes: int) -> bytes:
-    """Read a file unless it is larger than anything of its kind.
+    """Read a file unless it is larger than anything of its kind, whatever it says of its size.
 
     Raises:
-        FormatError: The file is missing, not readable or too large.
+        FormatError: The file is missing, no regular file, not readable or too large.
     """
     try:
-        if (size := path.stat().st_size) > max_bytes:
+        facts = path.stat()
+        if not stat.S_ISREG(facts.st_mode):  # a device may have no end, a pipe no beginning
+            raise FormatError(f"{path}: is no regular file; check the path.")
+        if (size := facts.st_size) > max_bytes:
             raise FormatError(f"{path}: has {size} bytes, more than the {max_bytes} that such a file may have.")
-        return path.read_bytes()
+        with path.open("rb") as file:
+            data = file.read(size + 1)
     except OSError as error:
         raise FormatError(f"{path}: cannot be read ({error.strerror}); check the path.") from error
+    if len(data) > size:
+        raise FormatError(f"{path}: has more bytes than its size of {size}; wait until it is written.")
+    return data
 
 
 def write_json(path: Path, document: Mapping[str, Any] | Sequence[Any]) -> None:

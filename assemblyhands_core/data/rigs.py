@@ -10,7 +10,7 @@ from assemblyhands_core.data.calibrations import UnknownFormatError
 from assemblyhands_core.data.calibrations.anipose import LengthUnit, parse_anipose
 from assemblyhands_core.data.calibrations.qualisys import parse_qualisys
 from assemblyhands_core.data.image_header import is_possible
-from assemblyhands_core.data.json_files import kind_of
+from assemblyhands_core.data.json_files import kind_of, read_bytes
 from assemblyhands_core.data.names import is_file_part
 from assemblyhands_core.geometry.cameras import Camera, load_assembly101_calibration
 
@@ -72,7 +72,7 @@ def _read_text(path: Path) -> str:
             raise ValueError(f"{path}: no such file; check rig.calibration.")
         if (size := path.stat().st_size) > MAX_CALIBRATION_BYTES:
             raise ValueError(f"{path}: {size / 2**20:.0f} MiB is no calibration; supported are {SUPPORTED}.")
-        data = path.read_bytes()
+        data = read_bytes(path, MAX_CALIBRATION_BYTES)
     except OSError as error:
         raise ValueError(f"{path}: cannot be read ({error.strerror}); check its permissions.") from error
     encoding = "utf-16" if data[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig"

@@ -1,5 +1,6 @@
 """JSON from elsewhere: exact numbers through a file, and a sentence for everything that is wrong."""
 
+import os
 from pathlib import Path
 from typing import Any
 
@@ -40,6 +41,26 @@ def test_bad_files_are_refused_with_their_name(tmp_path: Path, content: bytes, r
     with pytest.raises(FormatError, match=reason) as refused:
         read_json_object(path, 1000 if b"  " in content else 2**20)
     assert str(refused.value).startswith(f"{path}: ")
+
+
+def test_a_device_without_end_is_not_read(tmp_path: Path) -> None:
+    path = tmp_path / "zero.json"
+    path.symlink_to("/dev/zero")
+    with pytest.raises(FormatError, match=r"zero\.json: is no regular file; check the path\."):
+        read_json_object(path, 2**20)
+
+
+def test_a_pipe_is_not_waited_for(tmp_path: Path) -> None:
+    path = tmp_path / "pipe.json"
+    os.mkfifo(path)
+    with pytest.raises(FormatError, match=r"pipe\.json: is no regular file; check the path\."):
+        read_json_object(path)
+
+
+def test_a_file_that_has_more_than_it_says_is_refused() -> None:
+    path = Path("/proc/self/status")  # of size 0
+    with pytest.raises(FormatError, match="has more bytes than its size of 0; wait until it is written"):
+        read_json_object(path)
 
 
 def test_missing_file(tmp_path: Path) -> None:
