@@ -25,7 +25,7 @@ class Garbage:
     Attributes:
         runs, logs: views and logs of old runs.
         entries: entries that no kept run refers to.
-        leftovers: what killed runs and damaged entries left behind.
+        leftovers: what killed runs and damaged entries left behind: drafts, certificates.
         scratch: what interrupted computations would go on from, if it is no longer of use.
     """
 
@@ -73,21 +73,24 @@ def find_garbage(workspace: Path, config: GcConfig) -> Garbage:
     logs = [path for path in subfolders(workspace / "logs") if path.name not in kept_names]
     drafts = [path for path in subfolders(workspace / "runs") if path.name.startswith(".")]
     scratch = list(_idle_scratch(workspace, kept, config.keep_scratch_days))
-    return Garbage(old, logs, entries, [*store.leftovers(), *drafts], scratch)
+    # A run that is under way after all, where the lock holds on one host only, needs its certificate until its end.
+    certificates = [path for path in subfolders(workspace / "tls") if _is_old(path, config.keep_scratch_days)]
+    return Garbage(old, logs, entries, [*store.leftovers(), *drafts, *certificates], scratch)
 
 
 def _idle_scratch(workspace: Path, kept: Collection[tuple[str, str]], keep_days: float) -> Iterable[Path]:
     """Yield scratch whose result is there, and what nobody went on with for long, unless a kept run lost its result."""
     whole = {scratch_folder(workspace, path.parent.name, path.name) for path in Store(workspace).entries()}
     wanted = {scratch_folder(workspace, stage, key) for stage, key in kept} - whole
-    oldest_s = time.time() - keep_days * _SECONDS_A_DAY
     for folder in subfolders(workspace / "scratch"):
-        if folder in whole or (folder not in wanted and _changed_s(folder) < oldest_s):
+        if folder in whole or (folder not in wanted and _is_old(folder, keep_days)):
             yield folder
 
 
-def _changed_s(folder: Path) -> float:
-    return max(path.lstat().st_mtime for path in [folder, *folder.rglob("*")])
+def _is_old(folder: Path, keep_days: float) -> bool:
+    """Whether nobody changed anything in a folder for so many days."""
+    changed_s = max(path.lstat().st_mtime for path in [folder, *folder.rglob("*")])
+    return changed_s < time.time() - keep_days * _SECONDS_A_DAY
 
 
 def _referenced(runs: Iterable[Path]) -> Iterable[tuple[str, str]]:

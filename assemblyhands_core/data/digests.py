@@ -3,7 +3,7 @@
 import hashlib
 import json
 import math
-import os
+import uuid
 from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from pathlib import Path
@@ -100,7 +100,7 @@ class FileDigests:
 
     def _save(self) -> None:
         self._memory.parent.mkdir(parents=True, exist_ok=True)
-        partial = self._memory.with_name(f".{self._memory.name}-{os.getpid()}")
+        partial = self._memory.with_name(f".{self._memory.name}-{uuid.uuid4().hex}")  # hosts may have the same pids
         partial.write_text(json.dumps(self._known, indent=0))
         partial.rename(self._memory)
 

@@ -2,6 +2,7 @@ import datetime
 import hashlib
 import os
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -72,6 +73,25 @@ def test_file_digests_are_remembered_until_the_file_changes(tmp_path: Path) -> N
     assert (tmp_path / "memory.json").read_text() == memory
     file.write_bytes(b"second")
     assert FileDigests(tmp_path / "memory.json")(file) == hashlib.sha256(b"second").hexdigest()
+
+
+def test_two_hosts_whose_processes_have_the_same_number_do_not_share_a_draft(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    real, drafts = Path.write_text, list[Path]()
+
+    def write_text(path: Path, *arguments: Any, **options: Any) -> int:
+        drafts.append(path)
+        if len(drafts) == 1:  # the other host is at the same point
+            FileDigests(tmp_path / "memory.json")(tmp_path / "b")
+        return real(path, *arguments, **options)
+
+    for name in "ab":
+        (tmp_path / name).write_bytes(b"")
+    monkeypatch.setattr(Path, "write_text", write_text)
+    FileDigests(tmp_path / "memory.json")(tmp_path / "a")
+    assert len(drafts) == len(set(drafts)) == 2
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a", "b", "memory.json"]
 
 
 def test_a_broken_memory_is_no_memory(tmp_path: Path) -> None:

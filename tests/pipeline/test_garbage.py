@@ -46,6 +46,20 @@ def test_leftovers_of_killed_runs_go(toy: Any) -> None:
     assert garbage.leftovers == [left, draft] and garbage.logs == [log] and garbage.entries == garbage.runs == []
 
 
+def test_old_certificates_of_killed_runs_go(toy: Any) -> None:
+    toy.run()
+    old, new = (toy.workspace / "tls" / name for name in ("old", "new"))
+    for folder, days_ago in ((old, 31), (new, 29)):
+        folder.mkdir(parents=True)
+        (folder / "key.pem").write_text("secret")
+        for path in (folder / "key.pem", folder):
+            os.utime(path, (time.time() - days_ago * 86400,) * 2)
+    garbage = _gc(toy, 1)
+    assert garbage.leftovers == [old]
+    garbage.remove()
+    assert not old.exists() and new.is_dir()
+
+
 def test_what_a_killed_run_made_stays_for_the_next(toy: Any) -> None:
     toy.run("first")
     toy.factor = 3.0
