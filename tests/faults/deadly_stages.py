@@ -69,7 +69,9 @@ def main(workspace: Path) -> None:
     config._dag, config._stages = deadly_dag(), {name: NoConfig() for name in ("cut", "work", "gather")}
     nodes = list(config.dag.nodes.values())
     works = [
-        SequenceWork(config, Recording(name, Path(__file__), {}), {SOURCE_EDGE: _source(name)}, nodes, workspace / "logs")
+        SequenceWork(
+            config, Recording(name, Path(__file__), {}), {SOURCE_EDGE: _source(name)}, nodes, workspace / "logs"
+        )
         for name in ("one", "two")
     ]
     with open_executor(config.executor, workspace, "token") as executor, Progress(Console(quiet=True)) as progress:
