@@ -160,9 +160,7 @@ class Store:
             DamagedEntry: if it was set aside, or is not to be seen for a minute.
             OSError, MemoryError: if it cannot be looked at now.
         """
-        folder, deadline = self.entry(stage, key), time.monotonic() + _LATE_S
-        while not folder.is_dir() and not self._was_set_aside(folder) and time.monotonic() < deadline:
-            time.sleep(_LOOK_AGAIN_S)
+        self._await_folder(folder := self.entry(stage, key))
         if (record := self.find(stage, key)) is None:
             raise DamagedEntry(f"the entry {folder} has vanished; run again")
         return record
@@ -216,14 +214,22 @@ class Store:
             with suppress(OSError):  # the disk may be full
                 (target / WHY_DAMAGED).write_text(f"{reason}\n", encoding="utf-8")
 
+    def _await_folder(self, folder: Path) -> None:
+        """Wait until an entry is to be seen that has to be there, unless it was set aside: then nobody knows."""
+        deadline = time.monotonic() + _LATE_S
+        while not folder.is_dir() and not self._was_set_aside(folder) and time.monotonic() < deadline:
+            time.sleep(_LOOK_AGAIN_S)
+
     def _was_set_aside(self, folder: Path) -> bool:
         return any((self.root / ".damaged").glob(f"{_name_aside(folder)}-*"))
 
     def _publish(self, draft: Path, entry: Path) -> None:
         try:
             draft.rename(entry)
-        except OSError:
+        except OSError as error:
             # Another run made the same entry first: same key, and either's contents will do. A damaged one makes way.
+            if error.errno in (errno.ENOTEMPTY, errno.EEXIST):
+                self._await_folder(entry)
             if self.find(entry.parent.name, entry.name) is None:
                 draft.rename(entry)
         _sync_folder(entry.parent)

@@ -149,6 +149,14 @@ def test_what_another_host_has_made_is_waited_for(tmp_path: Path, monkeypatch: p
     assert store.await_entry("film", KEY) == record and len(pauses) == 20
 
 
+def test_what_another_host_was_first_to_make_may_be_seen_late(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    store = Store(tmp_path)
+    record = _write(store)
+    pauses = _seen_late(monkeypatch, store, 20)
+    _write(store)
+    assert len(pauses) == 20 and store.find("film", KEY) == record and list(store.leftovers()) == []
+
+
 def test_what_is_not_to_be_seen_for_a_minute_has_vanished(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     store = Store(tmp_path)
     _write(store)
