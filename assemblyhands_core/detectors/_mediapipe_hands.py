@@ -5,6 +5,7 @@ it is pointed there. A crop already tells where the hand is; only its direction 
 directions, says how sure it is that this is a hand, and the surest looks are refined around what they found.
 """
 
+import weakref
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -77,6 +78,11 @@ class Look(NamedTuple):
         return self.label_probability if is_it else 1.0 - self.label_probability
 
 
+def close_with(owner: object, close: Callable[[], object]) -> None:
+    """Close a graph of MediaPipe when its owner goes: a graph that is only forgotten keeps some 80 MB for ever."""
+    weakref.finalize(owner, close).atexit = False  # by then its threads may be gone
+
+
 class HandLandmarkModel:
     """The landmark model as a MediaPipe graph; its results depend on image and region alone."""
 
@@ -94,6 +100,7 @@ class HandLandmarkModel:
         for stream in ("landmarks", "handedness", _PRESENCE_STREAM):
             self._graph.observe_output_stream(stream, self._outputs.__setitem__, False)
         self._graph.start_run({"complexity": self._packets.create_int(model_complexity)})
+        close_with(self, self._graph.close)
 
     def look(self, image_rgb: ImageRGB, region: Region) -> Look:
         """Return what the model takes the region of an image (H, W, 3) for; it always finds something."""

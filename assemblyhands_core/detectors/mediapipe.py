@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from assemblyhands_core.data.digests import digest_file
-from assemblyhands_core.detectors._mediapipe_hands import HandLandmarkModel, landmarks_px, search_hand
+from assemblyhands_core.detectors._mediapipe_hands import HandLandmarkModel, close_with, landmarks_px, search_hand
 from assemblyhands_core.detectors._packages import import_package, package_folder, package_version
 from assemblyhands_core.detectors.base import (
     BodyDetections,
@@ -65,6 +65,7 @@ class MediapipeBody:
         self._pose = import_package("mediapipe.python.solutions.pose", _INSTALL).Pose(
             static_image_mode=True, model_complexity=model_complexity, min_detection_confidence=min_confidence
         )
+        close_with(self, self._pose.close)
 
     def detect(self, image_rgb: ImageRGB | None, camera_id: str, frame: int) -> BodyDetections:
         """Return up to ``max_persons`` persons of the image (H, W, 3)."""

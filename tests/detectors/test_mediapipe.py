@@ -1,10 +1,11 @@
+import gc
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from assemblyhands_core.detectors import DetectorError, create_body_detector, create_hand_detector, fingerprint
-from assemblyhands_core.detectors.mediapipe import body_from_landmarks, paint_over
+from assemblyhands_core.detectors.mediapipe import MediapipeBody, MediapipeHands, body_from_landmarks, paint_over
 
 pytest.importorskip("mediapipe", reason="mediapipe is not installed")
 
@@ -70,6 +71,22 @@ def test_a_blank_image_has_nobody_and_the_same_image_gives_the_same_answer() -> 
     blank = np.full((256, 256, 3), 200, dtype=np.uint8)
     assert body.detect(blank, "cam01", 0).keypoints_px.shape == (0, 17, 2)
     assert hands.detect(blank, "right", "cam01", 0) is None
+
+
+def test_graphs_are_closed_with_their_detectors() -> None:
+    body = MediapipeBody()
+    pose = body._pose
+    assert pose._graph is not None
+    del body
+    gc.collect()
+    assert pose._graph is None, "MediaPipe's own sign of a closed solution"
+    hands = MediapipeHands()
+    hands.detect(np.full((64, 64, 3), 200, dtype=np.uint8), "right", "cam01", 0)
+    graph, packets = hands._model._graph, hands._model._packets
+    del hands
+    gc.collect()
+    with pytest.raises((RuntimeError, ValueError)):
+        graph.add_packet_to_input_stream("image", packets.create_int(1).at(10**6))
 
 
 def test_a_hand_detection_does_not_depend_on_what_was_looked_at_before() -> None:
