@@ -2,6 +2,7 @@
 
 import asyncio
 import base64
+from collections.abc import Awaitable, Callable
 from pathlib import Path
 
 import numpy as np
@@ -21,15 +22,24 @@ _FIGURES = f"[...{_MPJPE}.closest('table').tBodies[0].rows].map((row) => row.cel
 
 def test_it_opens_without_complaint_shows_its_pictures_and_sorts_its_tables(tmp_path: Path) -> None:
     write_run(tmp_path, "made_up")
-    page = tmp_path / "report.html"
-    page.write_text(run_page(finished(tmp_path, "made_up")).render())
-    with chromium(tmp_path / "profile") as address:
-        asyncio.run(_look(address, page))
+    _on_page(tmp_path, _look)
 
 
-async def _look(address: str, page: Path) -> None:
-    tab = await first_tab(address)
-    await tab.open(page)
+def _on_page(folder: Path, look: Callable[[Tab], Awaitable[None]]) -> None:
+    """Open the page of the run in a folder, and look at it."""
+    page = folder / "report.html"
+    page.write_text(run_page(finished(folder, "made_up")).render())
+
+    async def opened(address: str) -> None:
+        tab = await first_tab(address)
+        await tab.open(page)
+        await look(tab)
+
+    with chromium(folder / "profile") as address:
+        asyncio.run(opened(address))
+
+
+async def _look(tab: Tab) -> None:
     pictures = await tab.evaluate(_PICTURES)
     assert len(pictures) >= 4 and all(pictures)
     assert await tab.evaluate("typeof hostile") == "undefined"
@@ -53,17 +63,13 @@ async def _sort(tab: Tab) -> None:
 
 def test_figures_with_intervals_are_sorted_by_their_number_and_dashes_stand_last(tmp_path: Path) -> None:
     """By their letters 9.00 would be more than 10.00."""
-    run, page = write_run(tmp_path, "made_up", sequences=()), tmp_path / "report.html"
+    run = write_run(tmp_path, "made_up", sequences=())
     errors_mm = {"2d_triangulation": 9.0, "R1": np.nan, "R2": 10.0}
     write_errors(run, "s", errors_table({name: np.full((20, 2), mm) for name, mm in errors_mm.items()}))
-    page.write_text(run_page(finished(tmp_path, "made_up")).render())
-    with chromium(tmp_path / "profile") as address:
-        asyncio.run(_sort_figures(address, page))
+    _on_page(tmp_path, _sort_figures)
 
 
-async def _sort_figures(address: str, page: Path) -> None:
-    tab = await first_tab(address)
-    await tab.open(page)
+async def _sort_figures(tab: Tab) -> None:
     nine, ten = "9.00 (9.00 to 9.00)", "10.00 (10.00 to 10.00)"
     assert await tab.evaluate(_FIGURES) == [nine, "–", ten]
     for order, figures in (("descending", [ten, nine, "–"]), ("ascending", [nine, ten, "–"])):
