@@ -1,6 +1,7 @@
 """What the Makefile's targets run, as ``make --dry-run`` prints it."""
 
 import ast
+import os
 import re
 import subprocess
 from pathlib import Path
@@ -11,7 +12,12 @@ from command_line import REPOSITORY
 
 def _last_line(*arguments: str) -> str:
     """Return the last command of a target, with every run of white space as one space."""
-    made = subprocess.run(["make", "--dry-run", *arguments], cwd=REPOSITORY, capture_output=True, text=True, check=True)
+    # A make that runs the tests, as `make check` does, would have its flags obeyed and the folder announced.
+    environment = {
+        name: value for name, value in os.environ.items() if name not in {"MAKEFLAGS", "MFLAGS", "MAKELEVEL"}
+    }
+    command = ["make", "--dry-run", *arguments]
+    made = subprocess.run(command, cwd=REPOSITORY, env=environment, capture_output=True, text=True, check=True)
     return " ".join(made.stdout.splitlines()[-1].split())
 
 
