@@ -1,10 +1,10 @@
 """Train MS-G3D to tell verbs from clips of hand poses of one source, in the training sequences (paper, Sec. 5)."""
 
 from collections.abc import Sequence
-from typing import Literal
+from typing import Literal, Self
 
 import pyarrow as pa
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from assemblyhands_core.data.catalog import MEMBERS
 from assemblyhands_core.data.members import TRAINING_SPLITS, VALIDATION_SPLITS
@@ -49,6 +49,14 @@ class TrainVerbsConfig(ScheduleConfig):
     oversampling: dict[str, int]
     augmentation: VerbAugmentationConfig
     labels: Literal["true", "shuffled"]
+
+    @model_validator(mode="after")
+    def _a_control_knows_nothing(self) -> Self:
+        if self.labels == "shuffled" and self.start_from is not None:
+            raise ValueError(
+                f"labels=shuffled is a control, and {self.start_from} has learnt from true labels: set start_from=null"
+            )
+        return self
 
 
 def run(config: TrainVerbsConfig, inputs: Tables, context: Context) -> Tables:

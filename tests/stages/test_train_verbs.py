@@ -121,6 +121,11 @@ def test_of_shuffled_labels_nothing_can_be_learnt(tmp_path: Path) -> None:
     assert made["curve"]["loss"].to_pylist()[-1] > 0.9  # ln 3 is 1.1
 
 
+def test_a_control_starts_from_nothing() -> None:
+    with pytest.raises(ValueError, match=r"weights/msg3d.safetensors has learnt from true labels: set start_from=null"):
+        _config(labels="shuffled", start_from="weights/msg3d.safetensors")
+
+
 def test_the_object_can_be_told_and_is_used(tmp_path: Path) -> None:
     """All clips are the same, so that the object alone tells the verb."""
     told, same = ["wheel", "bolt", "anvil"], [moving_clip("screw", 0)] * 3
