@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import Final
 
 from assemblyhands_core.data.digests import digest_file
+from assemblyhands_core.data.entry_records import RECORD, Record
 from assemblyhands_core.data.integrity import Digest, Flaw, InodeDigests, digests_of_blob_tables, examine
-from assemblyhands_core.data.store import RECORD, Record, Store
+from assemblyhands_core.data.store import Store
 
 _LISTING: Final = ".sha256"
 

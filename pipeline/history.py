@@ -7,7 +7,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, Final
 
-from assemblyhands_core.data.store import Record, Store
+from assemblyhands_core.data.entry_records import Record
+from assemblyhands_core.data.store import Store
 from pipeline.graph import Node
 from pipeline.tasks import Shard
 

@@ -4,10 +4,11 @@ import errno
 import os
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
 
+from assemblyhands_core.data.drafts import replaced_whole
 from assemblyhands_core.data.layout import DatasetLayout
 from assemblyhands_core.data.locks import locked
 from assemblyhands_core.data.split_files import write_shared_files
@@ -74,31 +75,22 @@ def _lay_out(layout: DatasetLayout, files: Files) -> None:
 def lay_out(source: Path, target: Path) -> None:
     """Put a file of the store where it belongs in a data set: a link where the file system allows, else a copy."""
     if not (target.exists() and target.samefile(source)):
-        target.parent.mkdir(parents=True, exist_ok=True)
         _link(source, target)
 
 
 def _link(source: Path, target: Path) -> None:
     source.chmod(0o444)  # writing over a link would change the store's file, too
-    draft = target.with_name(f".{target.name}-{os.getpid()}")
-    try:
-        with suppress(FileNotFoundError):
-            draft.unlink()
+    with replaced_whole(target) as draft:
         try:
             os.link(source, draft)
         except OSError as error:
             if error.errno not in _NO_LINKS:
                 raise
             shutil.copyfile(source, draft)
-        draft.rename(target)
-    finally:
-        draft.unlink(missing_ok=True)
 
 
 def _write_list(layout: DatasetLayout, heading: str, recording: str, files: Files) -> None:
     listing = layout.delivered(recording)
-    listing.parent.mkdir(parents=True, exist_ok=True)
     lines = [heading, *(f"{row['sha256']}  {row['path']}" for row in files)]
-    draft = listing.with_name(f".{listing.name}-{os.getpid()}")
-    draft.write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
-    draft.rename(listing)
+    with replaced_whole(listing) as draft:
+        draft.write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")

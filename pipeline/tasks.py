@@ -14,7 +14,8 @@ from typing import Any, Final, Literal
 import pyarrow as pa
 
 from assemblyhands_core.data.digests import digest_json
-from assemblyhands_core.data.store import DamagedEntry, Output, Record, Store
+from assemblyhands_core.data.entry_records import Output, Record
+from assemblyhands_core.data.store import DamagedEntry, Store
 from assemblyhands_core.training.scratch import remove_idle
 from pipeline.graph import ORIGINS, Node
 from pipeline.shard_log import shard_log

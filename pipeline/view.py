@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from assemblyhands_core.data.digests import digest_json
+from assemblyhands_core.data.drafts import draft_beside, replaced_whole
 from assemblyhands_core.data.provenance import code_commit
 from assemblyhands_core.data.store import Store
 from pipeline.config import RunConfig
@@ -27,8 +28,7 @@ LATEST: Final = "latest"
 def write_view(config: RunConfig, run: str, results: Sequence[Result], command: str) -> Path:
     """Write a run's folder whole, point ``latest`` to it unless it only looked or recorded, and return it."""
     runs = config.workspace / "runs"
-    draft = runs / f".{run}-{os.getpid()}"
-    shutil.rmtree(draft, ignore_errors=True)
+    draft = draft_beside(runs / run)
     draft.mkdir(parents=True)
     store = Store(config.workspace)
     nodes = [node for node in config.dag.nodes.values() if any(result.node == node.name for result in results)]
@@ -39,7 +39,8 @@ def write_view(config: RunConfig, run: str, results: Sequence[Result], command: 
     shutil.rmtree(folder, ignore_errors=True)
     draft.rename(folder)
     if config.target not in LOOKING_TARGETS and not config.starts_in_studio:
-        _point(runs / LATEST, run)
+        with replaced_whole(runs / LATEST) as link:
+            link.symlink_to(run)
     return folder
 
 
@@ -101,10 +102,3 @@ def _provenance(config: RunConfig, command: str, results: Sequence[Result]) -> d
             if not r.has_entry
         ],
     }
-
-
-def _point(link: Path, run: str) -> None:
-    partial = link.with_name(f".{link.name}-{os.getpid()}")
-    partial.unlink(missing_ok=True)
-    partial.symlink_to(run)
-    partial.rename(link)

@@ -13,6 +13,7 @@ from typing import Any, Final
 
 from assemblyhands_core.data.corrections import NOT_SEEN
 from assemblyhands_core.data.csv_files import opened_csv
+from assemblyhands_core.data.drafts import replaced_whole
 from assemblyhands_core.data.json_files import FormatError, counted_problems, kind_of
 from assemblyhands_core.geometry.cameras import Camera
 from assemblyhands_core.hands.joints import HANDS, JOINT_NAMES
@@ -71,14 +72,11 @@ def read_corrections(path: Path) -> list[Correction]:
 
 def write_corrections(path: Path, corrections: Iterable[Correction]) -> None:
     """Write a file whole, in order, so that equal corrections make equal files."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(f".{path.name}.partial")
-    with partial.open("w", newline="", encoding="utf-8") as file:
+    with replaced_whole(path) as draft, draft.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(COLUMNS)
         for correction in sorted(corrections, key=lambda c: c.key):
             writer.writerow(["" if value != value else value for value in astuple(correction)])
-    partial.replace(path)
 
 
 def check_corrections(

@@ -3,7 +3,6 @@
 import hashlib
 import json
 import math
-import uuid
 from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from pathlib import Path
@@ -12,6 +11,8 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
+
+from assemblyhands_core.data.drafts import replaced_whole
 
 Chunks = Callable[[], Iterable[pa.Array]]
 
@@ -99,10 +100,8 @@ class FileDigests:
             self._save()
 
     def _save(self) -> None:
-        self._memory.parent.mkdir(parents=True, exist_ok=True)
-        partial = self._memory.with_name(f".{self._memory.name}-{uuid.uuid4().hex}")  # hosts may have the same pids
-        partial.write_text(json.dumps(self._known, indent=0))
-        partial.rename(self._memory)
+        with replaced_whole(self._memory) as draft:
+            draft.write_text(json.dumps(self._known, indent=0))
 
 
 def _read_json(path: Path) -> dict[str, str]:

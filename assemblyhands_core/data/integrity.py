@@ -14,7 +14,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from assemblyhands_core.data.digests import digest_file, digest_json
-from assemblyhands_core.data.store import RECORD, Output, Record, count_reasons
+from assemblyhands_core.data.entry_records import RECORD, Output, Record, count_reasons
 from assemblyhands_core.data.tables import BLOB_SUFFIX, digest_parquet, is_damage
 
 Digest = Callable[[Path], str]

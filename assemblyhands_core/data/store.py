@@ -13,7 +13,7 @@ import time
 import uuid
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
@@ -21,6 +21,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from assemblyhands_core.data.digests import digest_json
+from assemblyhands_core.data.drafts import draft_beside
+from assemblyhands_core.data.entry_records import RECORD, Output, Record, count_reasons, is_bare, looks_whole
 from assemblyhands_core.data.tables import (
     BLOB_SUFFIX,
     OUTSIDE,
@@ -28,7 +30,6 @@ from assemblyhands_core.data.tables import (
     TableSpec,
     as_written,
     check_room,
-    digest_parquet,
     is_damage,
     read_parquet,
     write_parquet,
@@ -37,9 +38,7 @@ from assemblyhands_core.data.tables import (
 if TYPE_CHECKING:
     import pandas as pd  # notebooks have it; the engine starts faster without
 
-RECORD = "record.json"
 WHY_DAMAGED = "damaged.txt"
-_PARQUET_MAGIC = b"PAR1"
 _LATE_S = 60.0  # NFS may show another host's folder so late (its option acdirmax)
 _LOOK_AGAIN_S = 0.5
 _NO_FOLDER_SYNC = (errno.EINVAL, errno.ENOTSUP, errno.EBADF)  # SMB and some FUSE file systems cannot sync folders
@@ -47,53 +46,6 @@ _NO_FOLDER_SYNC = (errno.EINVAL, errno.ENOTSUP, errno.EBADF)  # SMB and some FUS
 
 class DamagedEntry(RuntimeError):
     """A store entry is not what its record says; it was moved to ``store/.damaged`` and is rebuilt by the next run."""
-
-
-@dataclass(frozen=True)
-class Output:
-    """One table of an entry: content digest, number of rows, size of its file and, where it has one, rows by reason."""
-
-    digest: str
-    num_rows: int
-    num_bytes: int
-    reasons: Mapping[str, int] = field(default_factory=dict)
-
-
-@dataclass(frozen=True)
-class Record:
-    """What an entry holds and what made it.
-
-    Attributes:
-        stage, key: where the entry lies.
-        parts: everything that the key is the digest of, so that a later run can say what differs.
-        outputs: the tables, by name.
-        blobs: sizes in bytes of the other files, by name.
-        seconds: how long the stage took.
-    """
-
-    stage: str
-    key: str
-    parts: Mapping[str, Any]
-    outputs: Mapping[str, Output]
-    blobs: Mapping[str, int]
-    seconds: float
-
-    @classmethod
-    def from_json(cls, text: str) -> "Record":
-        """Return the record that a ``record.json`` holds."""
-        values = json.loads(text)
-        values["outputs"] = {name: Output(**output) for name, output in values["outputs"].items()}
-        return cls(**values)
-
-    @property
-    def strays(self) -> list[str]:
-        """Names of tables and blobs that lead out of the entry's folder."""
-        return [name for name in [*self.outputs, *self.blobs] if not is_bare(name)]
-
-    @property
-    def digests(self) -> dict[str, str]:
-        """Content digest of every output."""
-        return {name: output.digest for name, output in self.outputs.items()}
 
 
 @dataclass(frozen=True)
@@ -144,7 +96,7 @@ class Store:
         try:
             record = Record.from_json((folder / RECORD).read_text())
             is_own = (record.stage, record.key) == (stage, key) and not record.strays
-            if is_own and _looks_whole(folder, record):
+            if is_own and looks_whole(folder, record):
                 return record
         except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
             if not is_damage(error):
@@ -186,7 +138,7 @@ class Store:
     def draft(self, stage: str, parts: Mapping[str, Any]) -> Iterator["Draft"]:
         """Give a draft to write an entry in; on leaving without error it becomes the entry, else it vanishes."""
         key = digest_json(parts)
-        folder = self.root / stage / f".{key[:16]}-{os.getpid()}-{uuid.uuid4().hex[:8]}"
+        folder = draft_beside(self.entry(stage, key))
         folder.mkdir(parents=True)
         try:
             yield Draft(folder, stage, key, parts)
@@ -297,54 +249,9 @@ def _absolute(table: pa.Table, blobs: Sequence[str], folder: Path) -> pa.Table:
     return table
 
 
-def is_bare(name: str) -> bool:
-    """Return whether a name is that of a file in a folder, and leads to no other folder."""
-    return Path(name).name == name and name != ".."
-
-
-def count_reasons(table: pa.Table) -> dict[str, int]:
-    """Count rows (of per-joint reasons: joints) by reason; the empty reason is success."""
-    if "reason" not in table.schema.names:
-        return {}
-    reasons = table.column("reason").combine_chunks()
-    values = reasons.flatten() if pa.types.is_fixed_size_list(reasons.type) else reasons
-    counts = values.value_counts().to_pylist()
-    return {item["values"]: item["counts"] for item in sorted(counts, key=lambda item: str(item["values"]))}
-
-
 def _name_aside(folder: Path) -> str:
     """Return how the names begin that an entry gets when it is set aside."""
     return f"{folder.parent.name}-{folder.name[:16]}"
-
-
-def _looks_whole(folder: Path, record: Record) -> bool:
-    tables = {folder / f"{name}.parquet": output for name, output in record.outputs.items()}
-    return (
-        all(_is_parquet(path, output.num_bytes) for path, output in tables.items())
-        and all((folder / name).stat().st_size == size for name, size in record.blobs.items())
-        and _untouched_since(folder / RECORD, tables)
-    )
-
-
-def _untouched_since(record: Path, tables: Mapping[Path, Output]) -> bool:
-    """Whether the tables are older than their record, which was written last, or hold what it says all the same."""
-    written_ns = record.stat().st_mtime_ns
-    newer = {path: output for path, output in tables.items() if path.stat().st_mtime_ns > written_ns}
-    if not all(_has_digest(path, output.digest) for path, output in newer.items()):
-        return False
-    if newer:  # a copied workspace, for example: look once
-        with suppress(OSError):
-            record.touch()
-    return True
-
-
-def _has_digest(path: Path, digest: str) -> bool:
-    try:
-        return digest_parquet(path) == digest
-    except pa.ArrowException as error:
-        if not is_damage(error):
-            raise
-        return False
 
 
 def _read_verified(path: Path) -> pa.Table:
@@ -354,15 +261,6 @@ def _read_verified(path: Path) -> pa.Table:
         table = file.read().replace_schema_metadata(None)
     table.validate(full=True)
     return table.cast(as_written(table.schema))
-
-
-def _is_parquet(path: Path, num_bytes: int) -> bool:
-    with path.open("rb") as file:
-        head = file.read(4)
-        if file.seek(0, os.SEEK_END) != num_bytes or num_bytes < len(_PARQUET_MAGIC):
-            return False
-        file.seek(-4, os.SEEK_END)
-        return head == _PARQUET_MAGIC == file.read(4)
 
 
 def _sync(folder: Path) -> None:

@@ -5,7 +5,6 @@ Points that are missing are left out of their frame's row, and a frame without a
 would go on showing those of an earlier frame otherwise.
 """
 
-import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -14,6 +13,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from jaxtyping import Float, Integer
 
+from assemblyhands_core.data.drafts import replaced_whole
 from assemblyhands_core.geometry.cameras import Camera
 from assemblyhands_core.hands.joints import BONES, HANDS, JOINT_NAMES, ROOT, WRIST, Hand
 from assemblyhands_core.viz.first_look import Look
@@ -235,18 +235,14 @@ def open_rerun_file(path: Path, name: str, rate_hz: float) -> Iterator[RerunFile
         NoRerun: The package is not installed.
     """
     rr = _rerun()
-    path.parent.mkdir(parents=True, exist_ok=True)
-    draft = path.with_name(f".{path.name}-{os.getpid()}")
     stream = rr.RecordingStream(_APPLICATION, recording_id=name)
-    try:
-        stream.save(draft)
-        stream.send_recording_name(name)
-        yield RerunFile(stream, rate_hz)
-        stream.disconnect()  # writes the rest and the table of contents
-        draft.rename(path)
-    finally:
-        stream.disconnect()
-        draft.unlink(missing_ok=True)
+    with replaced_whole(path) as draft:
+        try:
+            stream.save(draft)
+            stream.send_recording_name(name)
+            yield RerunFile(stream, rate_hz)
+        finally:
+            stream.disconnect()  # writes the rest and the table of contents
 
 
 def _ids(is_known: Any, hand: Hand) -> dict[str, Any]:

@@ -7,6 +7,7 @@ from typing import Final
 
 from rich.console import Console
 
+from assemblyhands_core.data.drafts import replaced_whole
 from pipeline.finished import FinishedRun
 from pipeline.html_report import annotation, instants, joints, making, networks, overview, rounds
 from pipeline.html_report.page import Block, Page, sections
@@ -48,8 +49,7 @@ def run_page(run: FinishedRun) -> Page:
 
 def save(console: Console, page: Page, path: Path) -> Path:
     """Write a page whole, and say where it is."""
-    draft = path.with_name(f".{path.name}")
-    draft.write_text(page.render(), encoding="utf-8")
-    draft.replace(path)
+    with replaced_whole(path) as draft:
+        draft.write_text(page.render(), encoding="utf-8")
     say(console, f"report: {path}")
     return path

@@ -9,8 +9,9 @@ import pyarrow.parquet as pq
 import pytest
 
 from assemblyhands_core.data.digests import digest_file, digest_json
+from assemblyhands_core.data.entry_records import Record
 from assemblyhands_core.data.integrity import InodeDigests, digests_of_blob_tables, examine
-from assemblyhands_core.data.store import Record, Store
+from assemblyhands_core.data.store import Store
 from assemblyhands_core.data.tables import TableSpec
 
 FILMS = TableSpec(

@@ -10,7 +10,8 @@ import pyarrow.parquet
 import pytest
 
 from assemblyhands_core.data.digests import digest_json
-from assemblyhands_core.data.store import DamagedEntry, Record, Store, load
+from assemblyhands_core.data.entry_records import Record
+from assemblyhands_core.data.store import DamagedEntry, Store, load
 from assemblyhands_core.data.tables import TableSpec
 
 SPEC = TableSpec(

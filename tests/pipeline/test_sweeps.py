@@ -11,8 +11,8 @@ from finished_run import write_evaluation, write_table
 from rich.console import Console
 
 from assemblyhands_core.data.catalog import BODIES, BODY_KEYPOINTS, JOINTS, RESIDUALS, VIEWS
+from assemblyhands_core.data.entry_records import Output, count_reasons
 from assemblyhands_core.data.evaluation_tables import QUALITY
-from assemblyhands_core.data.store import Output, count_reasons
 from assemblyhands_core.viz.sweep_figure import SweptValue, sweep_figure
 from pipeline.config import CONF_FOLDER, RunConfig, check_config
 from pipeline.sweeps import Point, varied_parameters, write_sweep

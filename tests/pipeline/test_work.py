@@ -4,7 +4,8 @@ from typing import Any
 
 import pytest
 
-from assemblyhands_core.data.store import Record, Store
+from assemblyhands_core.data.entry_records import Record
+from assemblyhands_core.data.store import Store
 from pipeline.config import UserError
 from pipeline.graph import SOURCE_EDGE, TRUTH_EDGE
 from pipeline.work import possible_nodes
