@@ -84,7 +84,7 @@ def _add_trained_networks(dag: Dag) -> None:
     for name, stage, labelled in (
         ("manual", train_svegonet.ON_MANUAL, crops),
         ("automatic", train_svegonet.ON_AUTOMATIC, crops),
-        ("both", train_svegonet.STAGE, crops),
+        (ALL_LABELS, train_svegonet.STAGE, crops),
         ("tracked", train_svegonet.ON_AUTOMATIC, tracked),
     ):
         dag.add(f"svegonet_{name}", stage, **{role: labelled[role] for role in stage.inputs})

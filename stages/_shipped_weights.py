@@ -1,13 +1,14 @@
-"""What stages share that take weights which are there already, where otherwise a training would stand."""
+"""A stage that takes weights which are there already, where otherwise a training would stand."""
 
 import json
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Final
 
 from assemblyhands_core.data.digests import digest_file
 from assemblyhands_core.data.training_tables import WEIGHTS
-from stages._contract import Context, StageConfig, Tables
+from stages._contract import Context, Stage, StageConfig, Tables
 
 _REPOSITORY: Final = Path(__file__).resolve().parents[1]
 
@@ -23,7 +24,27 @@ class UseWeightsConfig(StageConfig):
         return _REPOSITORY / self.weights
 
 
-def copied_weights(config: UseWeightsConfig, network: str, context: Context) -> Tables:
+def shipped_weights_stage(name: str, network: str, target: str) -> Stage[UseWeightsConfig]:
+    """Return the stage.
+
+    Args:
+        name: Its own.
+        network: Whose weights these are.
+        target: What trains them.
+    """
+    return Stage(
+        name=name,
+        version=1,
+        config=UseWeightsConfig,
+        inputs={},
+        outputs={"weights": WEIGHTS},
+        run=partial(_copied, network),
+        shard="set",
+        externals=partial(_externals, name, target),
+    )
+
+
+def _copied(network: str, config: UseWeightsConfig, inputs: Tables, context: Context) -> Tables:
     """Copy the file, so that a result has what made it."""
     from assemblyhands_core.models.weights_files import read_card
 
@@ -34,19 +55,14 @@ def copied_weights(config: UseWeightsConfig, network: str, context: Context) -> 
     return {"weights": WEIGHTS.from_rows([{**row, "sha256": digest_file(path)}])}
 
 
-def weights_externals(config: UseWeightsConfig, parameter: str, target: str) -> Mapping[str, str]:
+def _externals(name: str, target: str, config: UseWeightsConfig, sequence_id: str) -> Mapping[str, str]:
     """Return the digest of the weights.
-
-    Args:
-        config: Says which.
-        parameter: How the file can be given.
-        target: What trains them.
 
     Raises:
         ValueError: There is no such file.
     """
     if not config.path.is_file():
         raise ValueError(
-            f"there are no weights at {config.path}: train them (target={target}), or give {parameter}=PATH"
+            f"there are no weights at {config.path}: train them (target={target}), or give {name}.weights=PATH"
         )
     return {"weights": digest_file(config.path)}

@@ -14,7 +14,8 @@ from jaxtyping import Float, Int, Num, Shaped
 
 Weights = Float[np.ndarray, "resample block"]
 Values = Float[np.ndarray, "..."]
-_MIN_BLOCKS: Final = 5
+MIN_BLOCKS: Final = 5
+"""Of fewer blocks no interval is given."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,6 +86,13 @@ def ratio_interval(first: BlockSums, second: BlockSums, weights: Weights, level:
     return _interval(_quotient(first.mean(), second.mean()), resampled, _num_known(first, second), level)
 
 
+def percentile_bounds(draws: Float[np.ndarray, " resample"], level: float = 0.95) -> tuple[float, float]:
+    """Return the bounds that leave out equal shares of a figure's draws; those that are not known do not count."""
+    tail = (1 - level) / 2
+    low, high = np.quantile(draws[np.isfinite(draws)], (tail, 1 - tail))
+    return float(low), float(high)
+
+
 def _num_known(*sums: BlockSums) -> Int[np.ndarray, " quantity"]:
     """Return the number of blocks that say something about each quantity."""
     return np.asarray(np.min([(one.count > 0).sum(axis=0) for one in sums], axis=0))
@@ -96,12 +104,10 @@ def _interval(
     num_known: Int[np.ndarray, " quantity"],
     level: float,
 ) -> Interval:
-    """Return the percentile interval; draws in which nothing counts are left out."""
+    """Return the percentile interval."""
     bounds = np.full((2, len(value)), np.nan)
-    for quantity in np.flatnonzero(num_known >= _MIN_BLOCKS):
-        draws = resampled[:, quantity]
-        tail = (1 - level) / 2
-        bounds[:, quantity] = np.quantile(draws[np.isfinite(draws)], (tail, 1 - tail))
+    for quantity in np.flatnonzero(num_known >= MIN_BLOCKS):
+        bounds[:, quantity] = percentile_bounds(resampled[:, quantity], level)
     return Interval(value, bounds[0], bounds[1])
 
 

@@ -17,11 +17,13 @@ from jaxtyping import Bool, Float
 
 from assemblyhands_core.metrics.annotation import Cell, make_cell
 from assemblyhands_core.metrics.bootstrap import (
+    MIN_BLOCKS,
     BlockSums,
     Weights,
     difference_interval,
     draw_weights,
     mean_interval,
+    percentile_bounds,
     ratio_interval,
 )
 from assemblyhands_core.metrics.run_differences import Difference, make_difference
@@ -33,8 +35,6 @@ MOST_FREQUENT: Final = "chance: most frequent verb"
 UNIFORM: Final = "chance: uniform"
 NO_PREDICTION: Final = "(none)"
 """What the confusion matrix calls segments without prediction; they count as wrong."""
-
-_MIN_BLOCKS: Final = 5  # for an interval, as in `bootstrap`
 
 
 @dataclass(frozen=True)
@@ -247,9 +247,8 @@ class _Figures:
         return Cell(*names, float(value), *self._bounds(drawn, rows), int(counts.sum()), _coverage(rows, counts))
 
     def _bounds(self, drawn: Float[np.ndarray, " resample"], rows: VerbRows) -> tuple[float, float]:
-        tail = (1 - self.evaluation.level) / 2
-        low, high = np.quantile(drawn, (tail, 1 - tail)) if rows.num_blocks >= _MIN_BLOCKS else (np.nan, np.nan)
-        return float(low), float(high)
+        is_known = rows.num_blocks >= MIN_BLOCKS
+        return percentile_bounds(drawn, self.evaluation.level) if is_known else (np.nan, np.nan)
 
 
 def confidence_bins(rows: VerbRows, num_bins: int) -> list[Bool[np.ndarray, " row"]]:

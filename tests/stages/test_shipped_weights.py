@@ -23,6 +23,7 @@ def test_the_weights_are_a_result_with_their_card(tmp_path: Path) -> None:
     assert use_svegonet.STAGE.externals(config, "all") == {"weights": digest_file(path)}
     (row,) = use_svegonet.STAGE.run(config, {}, Context(blobs, "all"))["weights"].to_pylist()
     assert row["sha256"] == digest_file(path) and json.loads(row["card"])["data"] == "nothing"
+    assert row["network"] == "SVEgoNet"
     assert load_svegonet(blobs / row["weights_file"]).config.num_depths == 8
 
 
