@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Mapping
-from functools import partial
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
@@ -38,31 +38,39 @@ def shipped_weights_stage(name: str, network: str, target: str) -> Stage[UseWeig
         config=UseWeightsConfig,
         inputs={},
         outputs={"weights": WEIGHTS},
-        run=partial(_copied, network),
+        run=_Copy(network),
         shard="set",
-        externals=partial(_externals, name, target),
+        externals=_Digest(name, target),
     )
 
 
-def _copied(network: str, config: UseWeightsConfig, inputs: Tables, context: Context) -> Tables:
-    """Copy the file, so that a result has what made it."""
-    from assemblyhands_core.models.weights_files import read_card
+@dataclass(frozen=True)
+class _Copy:
+    """Copies the file, so that a result has what made it; a value, so that stages sent to workers compare equal."""
 
-    path = context.blob_dir / "weights.safetensors"
-    path.write_bytes(config.path.read_bytes())
-    card = json.dumps(dict(read_card(path)), sort_keys=True)
-    row = {"sequence_id": context.sequence_id, "network": network, "weights_file": path.name, "card": card}
-    return {"weights": WEIGHTS.from_rows([{**row, "sha256": digest_file(path)}])}
+    network: str
+
+    def __call__(self, config: UseWeightsConfig, inputs: Tables, context: Context) -> Tables:
+        from assemblyhands_core.models.weights_files import read_card
+
+        path = context.blob_dir / "weights.safetensors"
+        path.write_bytes(config.path.read_bytes())
+        card = json.dumps(dict(read_card(path)), sort_keys=True)
+        row = {"sequence_id": context.sequence_id, "network": self.network, "weights_file": path.name, "card": card}
+        return {"weights": WEIGHTS.from_rows([{**row, "sha256": digest_file(path)}])}
 
 
-def _externals(name: str, target: str, config: UseWeightsConfig, sequence_id: str) -> Mapping[str, str]:
-    """Return the digest of the weights.
+@dataclass(frozen=True)
+class _Digest:
+    """Gives the digest of the weights, or says how to get some."""
 
-    Raises:
-        ValueError: There is no such file.
-    """
-    if not config.path.is_file():
-        raise ValueError(
-            f"there are no weights at {config.path}: train them (target={target}), or give {name}.weights=PATH"
-        )
-    return {"weights": digest_file(config.path)}
+    stage: str
+    target: str
+
+    def __call__(self, config: UseWeightsConfig, sequence_id: str) -> Mapping[str, str]:
+        if not config.path.is_file():
+            raise ValueError(
+                f"there are no weights at {config.path}: train them (target={self.target}), "
+                f"or give {self.stage}.weights=PATH"
+            )
+        return {"weights": digest_file(config.path)}
