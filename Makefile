@@ -83,7 +83,7 @@ fsck: $(VENV)/.installed  ## read all results again, set aside what is damaged: 
 	$(RUN) fsck $(ARGS)
 
 test: $(VENV)/.installed-dev  ## the tests (minutes)
-	$(BIN)/python -m pytest -m 'not slow' $(ARGS)
+	$(BIN)/python -m pytest -m 'not slow' -n auto --maxprocesses 4 --dist loadfile $(ARGS)
 
 test-slow: $(VENV)/.installed-dev  ## the tests that take long, on real footage and under faults
 	$(BIN)/python -m pytest -m slow $(ARGS)

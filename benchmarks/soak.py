@@ -156,10 +156,9 @@ def main() -> None:
                 for pid in _workers(process.pid):
                     samples[pid].append(((time.monotonic() - begin) / 60, _resident_mb(pid)))
             shutil.rmtree(workspace, ignore_errors=True)
-            print(
-                f"{now / 60:.0f} min: {num_runs} runs, {killer.num_killed} workers killed, {num_bad} runs wrong",
-                flush=True,
-            )
+            so_far = f"{num_runs} runs, {killer.num_killed} workers killed, {num_bad} runs wrong"
+            memory = ", ".join(f"{_resident_mb(pid):.0f} MB ({pid})" for n in processes[1:] for pid in _workers(n.pid))
+            print(f"{now / 60:.0f} min: {so_far}; workers have {memory}", flush=True)
     finally:
         killer.is_over.set()
         for process in processes:

@@ -9,6 +9,8 @@ import jaxtyping
 import pytest
 
 REPOSITORY = Path(__file__).resolve().parents[1]
+if "PYTEST_XDIST_WORKER" in os.environ:  # one of several processes that share the cores: it takes one of them
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
 sys.path.insert(0, str(Path(__file__).parent))  # for the modules beside this one, which folders share
 
 # From here on, before its first import, what the core takes and returns is held against the types and shapes that it

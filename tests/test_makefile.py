@@ -12,10 +12,9 @@ from command_line import REPOSITORY
 
 def _last_line(*arguments: str) -> str:
     """Return the last command of a target, with every run of white space as one space."""
-    # A make that runs the tests, as `make check` does, would have its flags obeyed and the folder announced.
-    environment = {
-        name: value for name, value in os.environ.items() if name not in {"MAKEFLAGS", "MFLAGS", "MAKELEVEL"}
-    }
+    # A make that runs the tests, as `make check ARGS=…` does, would have its flags and variables obeyed, too.
+    of_make = {"MAKEFLAGS", "MFLAGS", "MAKEOVERRIDES", "MAKELEVEL", "ARGS", "SEQ", "SET", "PRESET", "TARGET"}
+    environment = {name: value for name, value in os.environ.items() if name not in of_make}
     command = ["make", "--dry-run", *arguments]
     made = subprocess.run(command, cwd=REPOSITORY, env=environment, capture_output=True, text=True, check=True)
     return " ".join(made.stdout.splitlines()[-1].split())
